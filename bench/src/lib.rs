@@ -1,7 +1,6 @@
 //! Measurements of mluc: the program `mluc-bench`, and what the other measuring programs of this folder share.
 
-pub mod inputs;
-pub mod machine;
+mod machine;
 mod report;
 mod run;
 pub mod transport;
@@ -17,10 +16,4 @@ pub fn save(folder: &Path, name: &str, bytes: impl AsRef<[u8]>) -> Result<()> {
     let made = std::fs::create_dir_all(folder);
     let written = made.and_then(|()| std::fs::write(&path, bytes));
     written.with_context(|| format!("writing {}", path.display()))
-}
-
-/// Does a piece of work on a pool of so many threads.
-pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-    pool.build()?.install(work)
 }

@@ -8,7 +8,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use mluc::placement::usable_cpus;
 use procfs::process::Process;
 use procfs::{CpuInfo, Current, LoadAverage, Meminfo};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 /// Instruction sets that the kernels choose by.
 const EXTENSIONS: &str =
@@ -19,7 +19,7 @@ const MIB: u64 = 1 << 20;
 const SOURCES: &str = "ipc-types geometry kernels model services weights Cargo.toml";
 
 /// Processor, memory, kernel, and the moment; what the system does not say is null.
-pub fn describe_machine() -> Map<String, Value> {
+pub(crate) fn describe_machine() -> Value {
     let cpus = CpuInfo::current().ok();
     let field = |name: &str| cpus.as_ref().and_then(|cpus| cpus.get_field(0, name));
     let flags = field("flags").or(field("Features")).unwrap_or_default();
@@ -28,7 +28,7 @@ pub fn describe_machine() -> Map<String, Value> {
     extensions.retain(|extension| flags.contains(extension));
     let part = || field("CPU part").map(|part| format!("part {part}"));
     let time = SystemTime::now().duration_since(UNIX_EPOCH);
-    object(json!({
+    json!({
         "processor": field("model name").map(str::to_string).or_else(part),
         "cores_usable": usable_cpus().len(),
         "cores_present": cpus.as_ref().map_or(0, CpuInfo::num_cores),
@@ -40,27 +40,19 @@ pub fn describe_machine() -> Map<String, Value> {
         "architecture": std::env::consts::ARCH,
         "load_1min": load(),
         "unix_time_s": time.map_or(0, |time| time.as_secs()),
-    }))
+    })
 }
 
 /// What was built; two reports with the same `binary` ran the same program.
-pub fn describe_build(program: &Path) -> Map<String, Value> {
+pub(crate) fn describe_build(program: &Path) -> Value {
     let bytes = std::fs::read(program).unwrap_or_default();
-    object(json!({
+    json!({
         "version": env!("CARGO_PKG_VERSION"),
         "commit": commit(program),
         "compiler": compiler(&bytes),
         "is_optimised": !cfg!(debug_assertions),
         "binary": format!("{:016x}", fingerprint(&bytes)),
-    }))
-}
-
-/// The machine, and the running program.
-pub fn describe_here() -> Map<String, Value> {
-    let mut machine = describe_machine();
-    let own = std::env::current_exe().unwrap_or_default();
-    machine.extend(describe_build(&own));
-    machine
+    })
 }
 
 /// Processes that ran or wanted to, over the last minute: near 0 on a quiet machine.
@@ -78,13 +70,6 @@ pub(crate) fn children(pid: u32) -> Option<Vec<u32>> {
         .ok()?
         .children()
         .ok()
-}
-
-pub(crate) fn object(value: Value) -> Map<String, Value> {
-    match value {
-        Value::Object(map) => map,
-        _ => Map::new(),
-    }
 }
 
 /// The compiler's note in a program: `rustc version 1.95.0 (...)`.

@@ -43,7 +43,6 @@ fn what_the_machine_does_not_have_is_refused_before_anything_runs() {
     for options in [
         "--refiner distnace",
         "--refiner none --refiner depth --refiner none",
-        "--trace t.json --rounds 3",
         "--rate 0",
     ] {
         let run = bench(options);

@@ -1,8 +1,9 @@
 //! `mluc bench` writes a report whose figures are those of the frames in it.
 
 use std::path::Path;
+use std::process::Command;
 
-use mluc_tests::{Finished, Setting, assert_has, read_json};
+use mluc_tests::{Finished, Setting, assert_has, read_json, root, skip};
 use serde_json::Value;
 
 /// The rows of frames.csv that were measured, by column.
@@ -42,6 +43,7 @@ fn the_report_holds_what_was_measured() {
     the_circumstances_are_told(&report);
     the_page_works_offline(&std::fs::read_to_string(out.join("report.html")).unwrap());
     the_terminal_shows_a_table(&run);
+    a_trace_shows_the_frames_over_all_processes(&out, &rows);
 }
 
 /// A number of a report by its JSON pointer.
@@ -112,32 +114,30 @@ fn the_terminal_shows_a_table(run: &Finished) {
     assert!(!run.log.contains("####"), "a bar is for terminals alone");
 }
 
-#[test]
-fn a_trace_shows_the_frames_over_all_processes() {
-    let setting = Setting::new("bench", 3);
-    let (out, file) = (setting.report(), setting.folder.path().join("trace.json"));
-    let options = "--seconds 3 --warm-up 0.5 --rate 5 --floor-rounds 0";
-    setting.bench(&format!("{options} --trace {}", file.display()));
-    let trace = read_json(&file);
+/// `tools/trace`, of the same frames.
+fn a_trace_shows_the_frames_over_all_processes(out: &Path, rows: &[Vec<String>]) {
+    let mut trace = Command::new(root().join("tools/trace"));
+    let output = trace.arg(out).output().expect("a script");
+    if output.status.code() == Some(127) {
+        return skip("tools/trace", "no python3");
+    }
+    let trace: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let events = trace["traceEvents"].as_array().unwrap();
     let having = |key: &str, value: &str| -> Vec<&Value> {
         events.iter().filter(|event| event[key] == value).collect()
     };
     let (spans, names) = (having("ph", "X"), having("name", "process_name"));
-    // Of the last frame: the first ones are warm-up.
-    let sequence = &spans[spans.len() - 1]["args"]["sequence"];
     let frames = spans.len() / 8;
     assert!(frames > 5, "wait and run of each stage");
     assert_eq!(spans.len(), 8 * frames);
     assert_eq!((names.len(), having("ph", "s").len()), (4, 3 * frames));
-    // The spans are the stamps of the same frame.
-    let mut rows = measured(&out).into_iter();
-    let row = rows.find(|cells| cells[1].parse().ok() == sequence.as_u64());
-    let row = row.expect("the frame is in the table");
-    let [started_us, published_us] = [10, 11].map(|column| row[column].parse::<f64>().unwrap());
-    let stamped_us = published_us - started_us;
+    // Of the last frame: the first ones are warm-up.
     let is_run = |span: &&&Value| span["name"] == "run" && span["pid"] == 1;
     let run = spans.iter().rev().find(is_run).expect("the backbone's");
-    let off_us = run["dur"].as_f64().unwrap() - stamped_us;
-    assert!(off_us.abs() < 1.0, "{run} against {stamped_us} us");
+    let sequence = run["args"]["sequence"].as_u64();
+    let row = rows.iter().find(|cells| cells[1].parse().ok() == sequence);
+    let row = row.expect("the frame is in the table");
+    let [started_us, published_us] = [10, 11].map(|column| row[column].parse::<f64>().unwrap());
+    let off_us = run["dur"].as_f64().unwrap() - (published_us - started_us);
+    assert!(off_us.abs() < 1.0, "{run} against {row:?}");
 }

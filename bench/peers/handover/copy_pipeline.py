@@ -1,6 +1,6 @@
 """Hand-over as a message pipeline without shared memory does it: serialise, copy through a socket, deserialise.
 
-For each message of a frame (sizes of our `transport` program) two processes and a Unix stream socket:
+For each message of a frame (as large as `mluc bench` found it) two processes and a Unix stream socket:
 
 1. serialise: a header of the kind ROS messages have (sequence, stamp, frame name, length), then the array's bytes, into
    one buffer (one copy);
@@ -13,7 +13,7 @@ numpy and the kernel; Python itself adds some 20 us a message. A real middleware
 Twice: `fresh` takes memory for every message, as message libraries do; `reused` keeps its buffers, the best that copying
 can do.
 
-copy_pipeline.py TRANSPORT_PROGRAM RECORD [ROUNDS]
+copy_pipeline.py MLUC RECORD [ROUNDS]
 """
 
 import json
@@ -24,6 +24,7 @@ import socket
 import struct
 import subprocess
 import sys
+import tempfile
 import time
 
 import numpy
@@ -123,12 +124,15 @@ def measure(payload_bytes, rounds, reuses):
 def main():
     program, record = sys.argv[1:3]
     rounds = int(sys.argv[3]) if len(sys.argv) > 3 else 500
-    ours = json.loads(subprocess.run([program, "--rounds", str(rounds)], capture_output=True, check=True).stdout)
+    with tempfile.TemporaryDirectory() as out:
+        bench = [program, "bench", "--seconds", "5", "--baseline-rounds", str(rounds), "--out", out]
+        subprocess.run(bench, capture_output=True, check=True)
+        ours = json.loads((pathlib.Path(out) / "report.json").read_text())
     topics = {}
-    for name, topic in ours["topics"].items():
+    for name, topic in ours["hops"].items():
         count = rounds if topic["payload_bytes"] < 1e7 else max(50, rounds // 4)
         copied = {name: measure(topic["payload_bytes"], count, name == "reused") for name in ["fresh", "reused"]}
-        hop = topic["ways"]["hop"]["latency"]
+        hop = {"p50_us": topic["alone_p50_us"], "p99_us": topic["alone_p99_us"]}
         topics[name] = {
             "payload_bytes": topic["payload_bytes"],
             "fresh": copied["fresh"],
@@ -141,7 +145,6 @@ def main():
     result = {
         "command": "bench/peers/handover/run.sh",
         "machine": ours["machine"],
-        "scheduling": ours["scheduling"],
         "versions": {"python": platform.python_version(), "numpy": numpy.__version__},
         "topics": topics,
         "frame_p50_us": {key: round(value, 1) for key, value in total.items()},

@@ -11,9 +11,5 @@ if [ ! -x "$work/venv/bin/python" ]; then
     "$work/venv/bin/pip" install --quiet --requirement "$here/requirements.txt"
 fi
 
-transport=${TRANSPORT:-}
-if [ -z "$transport" ]; then
-    (cd "$root" && cargo build --release --quiet --package mluc-bench --bin transport)
-    transport="$root/target/release/transport"
-fi
-exec "$work/venv/bin/python" "$here/copy_pipeline.py" "$transport" "$root/bench/record/handover.json" "${ROUNDS:-500}"
+(cd "$root" && cargo build --release --quiet --package mluc --package mluc-bench)
+exec "$work/venv/bin/python" "$here/copy_pipeline.py" "$root/target/release/mluc" "$root/bench/record/handover.json" "${ROUNDS:-500}"

@@ -1,4 +1,4 @@
-//! What a measured run says: from one record a frame to percentiles, a page, a verdict between two runs, and a trace.
+//! What a measured run says: from one record a frame to percentiles, a page, and a verdict between two runs.
 //!
 //! Pure functions of records: no clock, file or process. The terms:
 //!
@@ -24,5 +24,5 @@ pub(crate) use charts::Sample;
 pub(crate) use compare::{Comparison, Verdict, compare};
 pub(crate) use csv::{read_frames, write_frames};
 pub(crate) use figures::{Resources, check_version, number, report_of};
-pub(crate) use frame::{FrameRecord, STAGES, Stamps, micros};
+pub(crate) use frame::{FrameRecord, STAGES, Stamps};
 pub(crate) use page::{page, table};

@@ -5,8 +5,6 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use serde::Deserialize;
 
-use super::chaos::ChaosArgs;
-
 /// Latency of the real processes: a report, and the comparison of two.
 #[derive(Debug, Parser)]
 #[command(
@@ -26,8 +24,6 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Compare report B with report A: what differs, and what is noise.
     Compare(CompareArgs),
-    /// Kill and stop the stages of a real pipeline, and its supervisor: recovery times, lost and wrong frames, files left.
-    Chaos(ChaosArgs),
 }
 
 /// What is measured; everything but where the report goes may stand in the scenario instead.
@@ -61,11 +57,8 @@ pub(crate) struct RunArgs {
     pub(crate) refiner: Vec<String>,
     /// Another build's program `mluc`: this build and that one on the same frames, interleaved, each measured by its own
     /// `mluc bench`.
-    #[arg(long, value_name = "MLUC", conflicts_with = "trace")]
+    #[arg(long, value_name = "MLUC")]
     pub(crate) against: Option<PathBuf>,
-    /// Writes the frames over all processes as a Chrome/Perfetto trace.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) trace: Option<PathBuf>,
 }
 
 /// How long and how often: options, and `[bench]`.

@@ -9,9 +9,6 @@ use serde_json::{Value, json};
 use super::show;
 use crate::transport::{Payload, Settings, measure};
 
-/// Before each message, so that the receiver sleeps as it does in a pipeline.
-const PAUSE: Duration = Duration::from_millis(4);
-
 /// By topic the payload, and with `rounds` its baselines; and a warning when they could not be measured.
 pub(crate) fn baselines(
     payload_bytes: [u64; 4],
@@ -41,17 +38,19 @@ pub(crate) fn baselines(
 fn of_topic(payload: Payload, bytes: u64, rounds: usize) -> Result<Value> {
     ensure!(bytes > 0, "the stage sent no heartbeat with a payload");
     let settings = Settings {
+        payload,
         bytes: bytes as usize,
-        pause: PAUSE,
-        ..Settings::new(payload, rounds)
+        rounds,
+        warm_up: 40,
+        pause: Duration::from_millis(4),
+        program: None,
     };
-    let measured = measure(&settings)?;
-    let [alone, raw] = measured.latencies();
+    let [alone, raw] = measure(&settings)?;
     Ok(json!({
         "payload_bytes": bytes,
-        "alone_p50_us": alone.p50_us,
-        "alone_p99_us": alone.p99_us,
-        "raw_p50_us": raw.p50_us,
-        "raw_p99_us": raw.p99_us,
+        "alone_p50_us": alone.at(0.5),
+        "alone_p99_us": alone.at(0.99),
+        "raw_p50_us": raw.at(0.5),
+        "raw_p99_us": raw.at(0.99),
     }))
 }

@@ -11,7 +11,6 @@ use super::folder;
 use super::measured::Measured;
 use super::plan::Plan;
 use super::quiet::Quiet;
-use super::trace::write_trace;
 use crate::report::table;
 
 pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
@@ -45,10 +44,6 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
     print_out(table(&report)?.trim_end())?;
     let page = out.join("report.html");
     print_out(format_args!("report: {}", page.display()))?;
-    if let Some(file) = &plan.args.trace {
-        let trace = write_trace(file, &measured.frames)?;
-        print_out(format_args!("trace of {trace}"))?;
-    }
     let is_flawed = measured.is_flawed(&report);
     Ok(ExitCode::from(if is_flawed { EXIT_WARNINGS } else { 0 }))
 }

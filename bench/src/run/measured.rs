@@ -93,8 +93,8 @@ impl Measured {
         let mut report = report_of(&self.frames);
         report["title"] = plan.title().into();
         report["quiet"] = quiet.describe();
-        report["machine"] = describe_machine().into();
-        report["build"] = describe_build(&plan.program).into();
+        report["machine"] = describe_machine();
+        report["build"] = describe_build(&plan.program);
         report["scenario"] = plan.describe();
         for (stage, name) in STAGES.iter().enumerate() {
             report["stages"][name]["resources"] = json!(self.resources_of(stage));

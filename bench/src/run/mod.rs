@@ -4,7 +4,6 @@
 
 mod arguments;
 mod baselines;
-mod chaos;
 mod compare;
 mod folder;
 mod interleaved;
@@ -15,7 +14,6 @@ mod plan;
 mod processes;
 mod quiet;
 mod round;
-mod trace;
 
 use std::process::ExitCode;
 
@@ -41,7 +39,6 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     log_to_stderr("bench", "error");
     match cli.command {
         Some(Command::Compare(args)) => compare::compare_folders(&args),
-        Some(Command::Chaos(args)) => chaos::chaos(&args),
         None => {
             let plan = Plan::resolve(cli.run)?;
             if plan.args.compares() {

@@ -93,9 +93,6 @@ impl Plan {
         let (refiner, refiner_arguments) = refiner(&args, &document, &file)?;
         let usual = if args.compares() { ROUNDS_COMPARED } else { 1 };
         let rounds = within("rounds", table.rounds.unwrap_or(usual), 1..=ROUNDS_MAX)?;
-        if args.trace.is_some() && (args.compares() || rounds > 1) {
-            return usage("a trace shows one run: --trace goes with one round of one pipeline");
-        }
         let rate_hz = document.get("rate_hz").cloned().map(f64::deserialize);
         let rate_hz = args.rate.or(rate_hz.transpose()?).unwrap_or(RATE_HZ);
         if !(rate_hz > 0.0 && rate_hz <= RATE_HZ_MAX) {

@@ -1,119 +1,66 @@
-//! Messages in turn on every way.
+//! Messages in turn on both ways.
 
-use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use anyhow::{Result, ensure};
-use mluc_geometry::{Random, quantile};
-use serde::Serialize;
+use mluc_geometry::quantile;
 
 use super::load::Settings;
 use super::peer::Peer;
 use super::way::{Link, Sender, Way};
 
-/// Of one quantity, us.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct LatencyPercentiles {
-    /// Values.
-    pub count: usize,
-    /// Half are at most this.
-    pub p50_us: f64,
-    /// 90 in 100.
-    pub p90_us: f64,
-    /// 99 in 100.
-    pub p99_us: f64,
-    /// 999 in 1000.
-    pub p999_us: f64,
-    /// The largest.
-    pub max_us: f64,
+/// How long a message takes on one way: from the sender's clock right before sending to the receiver's clock once the whole message is
+/// there.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Latencies {
+    /// us, ascending.
+    ascending_us: Vec<f64>,
 }
 
-impl LatencyPercentiles {
-    /// By nearest rank; zeros without values.
-    pub fn of_ns(values_ns: &[u64]) -> LatencyPercentiles {
-        let mut ascending: Vec<f64> = values_ns.iter().map(|&ns| ns as f64 / 1e3).collect();
-        ascending.sort_unstable_by(f64::total_cmp);
-        let at = |q: f64| quantile(&ascending, q).unwrap_or(0.0);
-        LatencyPercentiles {
-            count: ascending.len(),
-            p50_us: at(0.5),
-            p90_us: at(0.9),
-            p99_us: at(0.99),
-            p999_us: at(0.999),
-            max_us: at(1.0),
-        }
+impl Latencies {
+    /// By nearest rank, us; 0 without values.
+    pub fn at(&self, q: f64) -> f64 {
+        quantile(&self.ascending_us, q).unwrap_or(0.0)
+    }
+
+    /// Messages that count.
+    pub fn count(&self) -> usize {
+        self.ascending_us.len()
     }
 }
 
-/// What one way costs.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Cost {
-    /// From the sender's clock right before sending to the receiver's clock once the whole message is there.
-    pub latency: LatencyPercentiles,
-    /// How long sending keeps the sender: lending memory, sending, waking; filling apart.
-    pub sender: LatencyPercentiles,
-}
-
-/// Everything measured in one run.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Measured {
-    /// Bytes of a message.
-    pub payload_bytes: usize,
-    /// Each of [`Way::ALL`].
-    pub ways: BTreeMap<Way, Cost>,
-}
-
-impl Measured {
-    /// Of the hop and of iceoryx2 alone.
-    pub fn latencies(&self) -> [LatencyPercentiles; 2] {
-        Way::ALL.map(|way| self.ways[&way].latency)
-    }
-}
-
-/// Sends in turn on every way, each time in another order.
-pub fn measure(settings: &Settings) -> Result<Measured> {
-    let elements = settings.elements()?;
+/// Sends in turn on both ways; of each of [`Way::ALL`] what it took.
+pub fn measure(settings: &Settings) -> Result<[Latencies; 2]> {
     let link = Link {
         payload: settings.payload,
-        elements,
+        elements: settings.elements()?,
         label: label(),
     };
-    let mut ends = vec![];
+    let mut ends: Vec<(Way, Sender)> = vec![];
     for way in Way::ALL {
-        ends.push(End {
-            way,
-            sender: link.sender(way)?,
-            latency_ns: Vec::with_capacity(settings.rounds),
-            occupied_ns: Vec::with_capacity(settings.rounds),
-        });
+        ends.push((way, link.sender(way)?));
     }
+    let mut found = [Latencies::default(), Latencies::default()];
     let mut peer = Peer::start(settings.program.as_deref(), &link)?;
-    let payload_bytes = link.bytes();
     for round in 0..settings.warm_up + settings.rounds {
-        let counts = round >= settings.warm_up;
-        for place in shuffled(ends.len(), round as u64) {
-            peer.expect(ends[place].way)?;
+        for turn in [0, 1] {
+            // The order turns over each round: each way as often follows itself as the other one.
+            let place = (round + turn) % 2;
+            let (way, sender) = &mut ends[place];
+            peer.expect(*way)?;
             std::thread::sleep(settings.pause);
-            ends[place].exchange(&mut peer, round as u32, counts)?;
+            let latency_us = exchange(*way, sender, &mut peer, round as u32)?;
+            if round >= settings.warm_up {
+                found[place].ascending_us.push(latency_us);
+            }
         }
     }
     // It ends first, so that this process is the last one everywhere and removes all files.
     drop(peer);
-    let cost = |end: &End| Cost {
-        latency: LatencyPercentiles::of_ns(&end.latency_ns),
-        sender: LatencyPercentiles::of_ns(&end.occupied_ns),
-    };
-    Ok(Measured {
-        payload_bytes,
-        ways: ends.iter().map(|end| (end.way, cost(end))).collect(),
-    })
-}
-
-/// Another order each round: no way shall always find the caches as the same other one left them.
-fn shuffled(count: usize, round: u64) -> Vec<usize> {
-    let mut places: Vec<usize> = (0..count).collect();
-    Random::new(round, &[]).shuffle(&mut places);
-    places
+    for latencies in &mut found {
+        latencies.ascending_us.sort_unstable_by(f64::total_cmp);
+    }
+    Ok(found)
 }
 
 /// Of this measurement alone.
@@ -123,49 +70,13 @@ fn label() -> String {
     format!("t{}-{count}", std::process::id())
 }
 
-struct End {
-    way: Way,
-    sender: Sender,
-    latency_ns: Vec<u64>,
-    occupied_ns: Vec<u64>,
-}
-
-impl End {
-    fn exchange(&mut self, peer: &mut Peer, word: u32, counts: bool) -> Result<()> {
-        let sent = (self.sender)(word)?;
-        let arrived = peer.arrived()?;
-        let (way, expected, found) = (self.way.name(), sent.sum, arrived.sum);
-        ensure!(
-            found == expected,
-            "{way}: a sum of {expected} was sent, {found} arrived"
-        );
-        if counts {
-            let latency_ns = arrived.at_ns.saturating_sub(sent.at_ns);
-            self.latency_ns.push(latency_ns);
-            self.occupied_ns.push(sent.occupied_ns);
-        }
-        Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_way_follows_every_other_about_as_often() {
-        let mut follows = [[0; 4]; 4];
-        for round in 0..4000 {
-            let order = shuffled(4, round);
-            for pair in order.windows(2) {
-                follows[pair[0]][pair[1]] += 1;
-            }
-        }
-        for (a, row) in follows.iter().enumerate() {
-            for (b, count) in row.iter().enumerate() {
-                let expected = if a == b { 0..1 } else { 850..1150 };
-                assert!(expected.contains(count), "{follows:?}");
-            }
-        }
-    }
+fn exchange(way: Way, sender: &mut Sender, peer: &mut Peer, word: u32) -> Result<f64> {
+    let sent = sender(word)?;
+    let arrived = peer.arrived()?;
+    let (way, expected, found) = (way.name(), sent.sum, arrived.sum);
+    ensure!(
+        found == expected,
+        "{way}: a sum of {expected} was sent, {found} arrived"
+    );
+    Ok(arrived.at_ns.saturating_sub(sent.at_ns) as f64 / 1e3)
 }

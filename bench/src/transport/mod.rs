@@ -1,7 +1,7 @@
-//! What handing over a message costs between two processes, and its baselines.
+//! What handing over a message costs between two processes, and its baseline.
 //!
 //! A figure for our own hop says little by itself: it depends on the machine and its other work. So every figure comes with
-//! baselines of the same run, interleaved with it, with the same payload (see [`Way`]), and with one copy within a process.
+//! a baseline of the same run, interleaved with it, with the same payload (see [`Way`]).
 //!
 //! [`measure`] starts a second process of the same program; call [`serve_peer`] first in `main`, so that it can be the
 //! other side. A round: the sender fills the payload, reads the clock, sends; the receiver, which sleeps,
@@ -14,6 +14,6 @@ mod peer;
 mod way;
 
 pub use load::{Payload, Settings};
-pub use measure::{Cost, LatencyPercentiles, Measured, measure};
-pub use peer::serve_peer;
+pub use measure::{Latencies, measure};
+pub(crate) use peer::serve_peer;
 pub use way::Way;

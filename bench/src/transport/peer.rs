@@ -83,7 +83,7 @@ impl Drop for Peer {
 
 /// Call it first in `main`. If this process was started to be the other side of a measurement, it is that until the
 /// measurement ends, and `true` comes back: then return from `main`. Otherwise `false` comes back at once.
-pub fn serve_peer() -> Result<bool> {
+pub(crate) fn serve_peer() -> Result<bool> {
     let words = std::env::args_os().skip(1).take(2);
     let words: Vec<String> = words.map(|word| word.to_string_lossy().into()).collect();
     let [WORD, link] = words.iter().map(String::as_str).collect::<Vec<_>>()[..] else {

@@ -26,7 +26,6 @@ mod list;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod operand;
-mod peak;
 mod plain;
 mod tiles;
 mod winograd;
@@ -35,7 +34,6 @@ pub(crate) use aligned::{Aligned, AlignedArray, LINE, Room};
 pub use level::{Level, at_best};
 pub(crate) use list::{BLOCK, Lists};
 pub(crate) use operand::{Operand, Sum};
-pub use peak::spin;
 pub(crate) use tiles::{convolve_tiles, gradient_tiles};
 pub use winograd::Tiled;
 pub(crate) use winograd::{Output, TILES_MAX, WINDOWS, Windows};

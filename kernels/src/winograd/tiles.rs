@@ -79,11 +79,6 @@ impl WinogradTiles {
         self.outputs.len() / 4
     }
 
-    /// Input rows of transformed windows, each multiplied with the weights of a place.
-    pub fn products(&self) -> usize {
-        self.inputs.len()
-    }
-
     /// Those of strips before this one.
     pub(super) fn before(&self, strip: usize) -> usize {
         let last = strip.checked_sub(1).map(|last| self.strips[last].tiles_end);

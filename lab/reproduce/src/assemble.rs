@@ -5,11 +5,11 @@ use crate::combine::combine;
 use crate::evaluate::{BOOTSTRAP_SEED, key, read_model, setting_rules, step_key};
 use crate::evaluated::{ByRow, Evaluated};
 use crate::layout::write_whole;
-use crate::methods::{METHODS, Method, MethodRow, full_steps};
+use crate::methods::{METHODS, Method, full_steps};
 use crate::options::{Options, Screen, TestFrames, Tests};
-use crate::pictures::{figure6_scene, worst_scenes};
+use crate::pictures::figure6_scene;
 use crate::real::real_rows;
-use crate::report::{ReproductionReport, figure5, figure6, page, worst_page};
+use crate::report::{ReproductionReport, figure5, figure6, page};
 use crate::simulate::Simulation;
 use crate::train::{BASE, NETWORKS, command_of};
 use mluc_dataset::{Dataset, data_hash};
@@ -17,9 +17,6 @@ use mluc_evaluate::{EvaluateError, JudgedFrames, LabelledFrame, NeighbourPolicy}
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
-
-/// Rows with a page of the frames in which they did worst: ours, and the paper's with its slips corrected.
-const WORST_OF: [&str; 2] = ["mluc-full", "paper-corrected"];
 
 const FIGURE_5: &str = "Figure 5: AP of the unknown and mAP of the known over the recall of the unknown, one curve a method";
 const FIGURE_6: &str = "Figure 6: the frame with most unknown objects within 32 m, as labelled and as each method sees it; unknown \
@@ -74,22 +71,6 @@ fn write_pictures(
     if !scenes.is_empty() {
         write("figure6.png", &figure6(&scenes).png())?;
         pictures.push(("figure6.png".to_owned(), FIGURE_6.to_owned()));
-    }
-    for (test, evaluated) in by_setting {
-        for method in WORST_OF {
-            let scenes = match evaluated.get(method) {
-                Some(seeds) => worst_scenes(test, &seeds[0])?,
-                None => Vec::new(),
-            };
-            if !scenes.is_empty() {
-                let setting = test.setting.name();
-                let title = MethodRow::find(method).map_or(method, |row| &row.title);
-                let file = format!("worst-{setting}-{method}.png");
-                write(&file, &worst_page(&scenes).png())?;
-                let what = "with most errors about unknown objects";
-                pictures.push((file, format!("{title}: the frames of {setting} {what}")));
-            }
-        }
     }
     Ok(pictures)
 }

@@ -87,7 +87,6 @@ pub(crate) fn evaluate_network(
         let output = run_method(job.method, &input)?;
         let evaluated = Evaluated {
             key: key.clone(),
-            method: job.method.row().key.clone(),
             network: network.name().to_owned(),
             seed,
             separation: separation.clone(),

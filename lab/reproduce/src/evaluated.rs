@@ -16,7 +16,6 @@ pub(crate) type ByRow = BTreeMap<&'static str, Vec<Evaluated>>;
 pub(crate) struct Evaluated {
     /// What it depends on: while this is the same, the evaluation need not be made again.
     pub(crate) key: String,
-    pub(crate) method: String,
     pub(crate) network: String,
     pub(crate) seed: u64,
     /// The chosen threshold.

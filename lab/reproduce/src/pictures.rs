@@ -1,14 +1,11 @@
-//! Scenes for the figures: which frames are shown, and what each row found in them.
+//! The scenes of figure 6: which frames are shown, and what each row found in them.
 
 use crate::Result;
 use crate::evaluate::setting_rules;
 use crate::evaluated::{ByRow, Evaluated};
-use crate::methods::MethodRow;
 use crate::options::TestFrames;
 use crate::report::{DrawnScene, Panel};
 use mluc_evaluate::{Difficulty, NeighbourPolicy, ObjectKind, SensorDetection};
-use mluc_geometry::iou_3d;
-use std::cmp::Reverse;
 
 /// Columns of figure 6 beside the labels, as far as they were evaluated; of two with one title the first.
 const SHOWN: [(&str, &str); 6] = [
@@ -23,10 +20,6 @@ const SHOWN: [(&str, &str); 6] = [
 const KNOWN_SCORE_MIN: f64 = 0.3;
 /// Objects further away are hard to see in a picture, m.
 const NEAR_M: f64 = 32.0;
-/// A detection that overlaps a label by more has found it.
-const FOUND_IOU: f64 = 0.1;
-/// Frames on the page of the worst.
-const WORST: usize = 6;
 
 /// A label as it is drawn.
 struct Truth {
@@ -87,18 +80,26 @@ pub(crate) fn figure6_scene(test: &TestFrames, evaluated: &ByRow) -> Result<Opti
     for (method, title) in SHOWN {
         let first = evaluated.get(method).and_then(|seeds| seeds.first());
         if let Some(first) = first.filter(|_| panels.iter().all(|panel| panel.title != title)) {
-            panels.push(panel(first, index, title));
+            panels.push(Panel {
+                title: title.to_owned(),
+                boxes: shown(first, index),
+            });
         }
     }
-    let caption = format!("{}, frame {}", test.setting.name(), test.set.names()[index]);
-    scene(test, index, caption, panels).map(Some)
-}
-
-fn panel(evaluated: &Evaluated, index: usize, title: &str) -> Panel {
-    Panel {
-        title: title.to_owned(),
-        boxes: shown(evaluated, index),
-    }
+    let truths = truths(test, index)?;
+    let near = truths.iter().filter(|t| t.is_unknown() && t.counts);
+    let nearest = near.min_by(|a, b| a.range_m.total_cmp(&b.range_m));
+    let target_m = nearest.map_or([15.0, 0.0], |t| {
+        let [x, y, _] = t.shown.box_in_sensor.center_m;
+        [x, y]
+    });
+    Ok(Some(DrawnScene {
+        caption: format!("{}, frame {}", test.setting.name(), test.set.names()[index]),
+        points: test.set.points(index)?,
+        truth: truths.into_iter().map(|t| t.shown).collect(),
+        panels,
+        target_m,
+    }))
 }
 
 /// The objects of a frame that score enough to be drawn.
@@ -110,73 +111,4 @@ fn shown(evaluated: &Evaluated, index: usize) -> Vec<SensorDetection> {
         ObjectKind::Unknown => object.score >= unknown_min,
     });
     objects
-}
-
-fn scene(
-    test: &TestFrames,
-    index: usize,
-    caption: String,
-    panels: Vec<Panel>,
-) -> Result<DrawnScene> {
-    let truths = truths(test, index)?;
-    let near = truths.iter().filter(|t| t.is_unknown() && t.counts);
-    let nearest = near.min_by(|a, b| a.range_m.total_cmp(&b.range_m));
-    let target_m = nearest.map_or([15.0, 0.0], |t| {
-        let [x, y, _] = t.shown.box_in_sensor.center_m;
-        [x, y]
-    });
-    Ok(DrawnScene {
-        caption,
-        points: test.set.points(index)?,
-        truth: truths.into_iter().map(|t| t.shown).collect(),
-        panels,
-        target_m,
-    })
-}
-
-/// Unknown objects of a frame that were missed, and false ones that would be shown.
-struct Errors {
-    missed: Vec<(String, f64)>,
-    false_unknown: usize,
-}
-
-fn errors(test: &TestFrames, evaluated: &Evaluated, index: usize) -> Result<Errors> {
-    let truths = truths(test, index)?;
-    let unknown: Vec<&Truth> = truths.iter().filter(|t| t.is_unknown()).collect();
-    let mut found = shown(evaluated, index);
-    found.retain(|object| object.kind == ObjectKind::Unknown);
-    let hits = |b: &SensorDetection, t: &Truth| {
-        iou_3d(&b.box_in_sensor, &t.shown.box_in_sensor) > FOUND_IOU
-    };
-    let is_missed = |t: &&&Truth| t.counts && !found.iter().any(|b| hits(b, t));
-    let missed = unknown.iter().filter(is_missed);
-    let is_false = |b: &&SensorDetection| !unknown.iter().any(|t| hits(b, t));
-    Ok(Errors {
-        missed: missed.map(|t| (t.shown.class.clone(), t.range_m)).collect(),
-        false_unknown: found.iter().filter(is_false).count(),
-    })
-}
-
-/// The frames in which a row did worst: most errors (a missed unknown object, a false one) first.
-pub(crate) fn worst_scenes(test: &TestFrames, evaluated: &Evaluated) -> Result<Vec<DrawnScene>> {
-    let mut ranked: Vec<(usize, Errors)> = (0..evaluated.objects.len())
-        .map(|index| Ok((index, errors(test, evaluated, index)?)))
-        .collect::<Result<_>>()?;
-    let count = |e: &Errors| 2 * e.missed.len() + e.false_unknown;
-    ranked.sort_by_key(|(index, e)| (Reverse(count(e)), *index));
-    let title = MethodRow::find(&evaluated.method).map_or("", |row| &row.title);
-    let worst = ranked.into_iter().take(WORST).filter(|(_, e)| count(e) > 0);
-    let drawn = worst.map(|(index, errors)| {
-        let count = errors.missed.len();
-        let words = errors.missed.into_iter().zip([": ", ", ", ", "]);
-        let named = |((class, range_m), comma)| format!("{comma}{class} at {range_m:.0} m");
-        let missed: String = words.map(named).collect();
-        let (setting, name) = (test.setting.name(), &test.set.names()[index]);
-        let false_unknown = errors.false_unknown;
-        let caption = format!(
-            "{setting}, {title}, frame {name}\nmissed {count}{missed}, false {false_unknown}"
-        );
-        scene(test, index, caption, vec![panel(evaluated, index, title)])
-    });
-    drawn.collect()
 }

@@ -61,6 +61,9 @@ fn the_method_at_the_models_threshold_is_the_products_pipeline() {
     let folder = tempfile::tempdir().expect("a folder");
     let set = scans(folder.path());
     let mut model = model();
+    let refused = Method::Naive.check(&model).expect_err("another head");
+    let words = "naive: expected a model with a Softmax head, found a Open head";
+    assert!(refused.to_string().contains(words), "{refused}");
     let gate = ModelGate::of(&model);
     let frames = detect_frames(Precision::default(), &model, &set, || ()).expect("boxes");
     let values = gate.thresholds(&frames, 1000);

@@ -10,7 +10,7 @@ use crate::precision::Value;
 use crate::quant_scale::QuantScale;
 use crate::sites::Sites;
 use crate::sparse::SparsePart;
-use crate::trace::{Place, Reads, Watch};
+use crate::trace::{Place, Watch};
 use crate::voxelize::PointCounts;
 
 /// What a frame gave.
@@ -106,20 +106,20 @@ impl<V: Value> Layers<V> {
         let points = self.sparse.run(points, watch);
         self.fold_height();
         let place = Place::Map(self.map_shape());
-        watch.step("bev", self.occupied.list.len(), Reads::Nothing);
+        watch.step("bev");
         let values = (&self.map[..], &self.map_scale);
         watch.level("bev", place, self.map_channels, values);
         let (mut values, mut active) = (&self.map, &self.occupied);
         for layer in self.block1.iter_mut().chain(&mut self.block2) {
             layer.run(values, active, coverage);
             (values, active) = (&layer.values, &layer.active);
-            watch.step(&layer.name, active.list.len(), layer.reads());
+            watch.step(&layer.name);
             let place = Place::Map(active.shape);
             let shown = (&values[..], &layer.output.scale);
             watch.level(&layer.name, place, layer.channels(), shown);
         }
         self.features.place(active);
-        watch.step("rows", self.cells().len(), Reads::Nothing);
+        watch.step("rows");
         Frame {
             points,
             rows: self.cells().len(),

@@ -29,7 +29,7 @@ pub use plane::Coverage;
 pub use precision::Precision;
 pub use rulebooks::Rulebooks;
 pub use sites::Sites;
-pub use trace::{Level, Observer, Place, Reads, Step, Steps};
+pub use trace::{Level, Observer, Place, Steps};
 pub use voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, localize, voxelize};
 
 // Whatever a checked model gives fits the contract.

@@ -14,7 +14,6 @@ use crate::convolution::{Convolution, response};
 use crate::error::Result;
 use crate::precision::Value;
 use crate::quant_scale::QuantScale;
-use crate::trace::Reads;
 
 /// Which cells of the bird's-eye layers are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -142,13 +141,6 @@ impl<V: Value> PlaneLayer<V> {
         tiles.assign(&self.active.list, self.active.shape);
         convolve_winograd(input, tiles, weights, self.convolution.epilogue(), output);
         Some(())
-    }
-
-    pub(crate) fn reads(&self) -> Reads<'_> {
-        match &self.by_tiles {
-            Some(by_tiles) => Reads::Tiles(&by_tiles.tiles),
-            None => Reads::Rows(&self.gather),
-        }
     }
 
     pub(crate) fn channels(&self) -> usize {

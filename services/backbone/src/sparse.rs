@@ -10,7 +10,7 @@ use crate::precision::Value;
 use crate::quant_scale::QuantScale;
 use crate::rulebooks::{Rulebooks, sites_max};
 use crate::sites::Sites;
-use crate::trace::{Place, Reads, Watch};
+use crate::trace::{Place, Watch};
 use crate::voxelize::{POINTS_A_TASK, PointCounts, VOXEL_CHANNELS, Voxels, localize, voxelize};
 
 /// Layers and the memory of one frame.
@@ -85,18 +85,18 @@ impl<V: Value> SparsePart<V> {
             None => voxelize(points, &network.grid, self.uses_intensity, voxels),
             Some(ground) => {
                 level(points, ground.find(points), &mut self.levelled);
-                watch.step("ground", points.len(), Reads::Nothing);
+                watch.step("ground");
                 let counts = voxelize(&self.levelled, &network.grid, false, voxels);
                 localize(&network.grid, voxels);
                 counts
             }
         };
         let place = Place::Sites(&voxels.sites);
-        watch.step("voxels", voxels.sites.len(), Reads::Nothing);
+        watch.step("voxels");
         let values = (&voxels.rows[..], &QuantScale::identity());
         watch.level("voxels", place, VOXEL_CHANNELS, values);
         books.build(network, &voxels.sites);
-        watch.step("rulebooks", voxels.sites.len(), Reads::Nothing);
+        watch.step("rulebooks");
         for (number, layer) in network.sparse.iter().enumerate() {
             let sites = books.sites_after(number, &voxels.sites);
             spare.resize(sites.len() * layer.cout, V::default());
@@ -105,7 +105,7 @@ impl<V: Value> SparsePart<V> {
                 _ => self.others[number - 1].run(rows, books.gather(number), None, spare),
             }
             std::mem::swap(rows, spare);
-            watch.step(&layer.name, sites.len(), Reads::Rows(books.gather(number)));
+            watch.step(&layer.name);
             let values = (&rows[..], &self.scale[number]);
             watch.level(&layer.name, Place::Sites(sites), layer.cout, values);
         }

@@ -1,7 +1,5 @@
 //! Looking at a frame between the layers, for tests against other implementations.
 
-use mluc_kernels::{Gather, WinogradTiles};
-
 use crate::precision::Value;
 use crate::quant_scale::QuantScale;
 use crate::sites::Sites;
@@ -31,30 +29,9 @@ pub struct Level<'a> {
 /// Called with each level of a frame, in order.
 pub type Observer<'a> = &'a mut dyn FnMut(Level);
 
-/// A part of a frame that has just been computed.
-#[derive(Clone, Copy, Debug)]
-pub struct Step<'a> {
-    /// `voxels`, `rulebooks`, `bev`, `rows`, or the layer's name.
-    pub name: &'a str,
-    /// Sites or cells computed.
-    pub rows: usize,
-    /// What a layer read.
-    pub reads: Reads<'a>,
-}
-
-/// Which input rows a layer multiplied with the weights of a tap.
-#[derive(Clone, Copy, Debug)]
-pub enum Reads<'a> {
-    /// It is no layer.
-    Nothing,
-    /// Those that are not absent.
-    Rows(&'a Gather),
-    /// Transformed windows: 16 rows a tile.
-    Tiles(&'a WinogradTiles),
-}
-
-/// Called after each step of a frame, in order: the caller may look at a clock.
-pub type Steps<'a> = &'a mut dyn FnMut(Step);
+/// Called after each step of a frame, in order, with its name (`ground`, `voxels`, `rulebooks`, `bev`, `rows`, or the layer's): the
+/// caller may look at a clock.
+pub type Steps<'a> = &'a mut dyn FnMut(&str);
 
 /// Who looks on while a frame is computed.
 pub(crate) enum Watch<'a> {
@@ -88,9 +65,9 @@ impl Watch<'_> {
         }
     }
 
-    pub(crate) fn step(&mut self, name: &str, rows: usize, reads: Reads) {
+    pub(crate) fn step(&mut self, name: &str) {
         if let Watch::Steps(steps) = self {
-            steps(Step { name, rows, reads });
+            steps(name);
         }
     }
 }

@@ -1,9 +1,8 @@
 //! Time of the network on real scans: `network --profile compact --precision bf16 --threads 2 --scan FILE --json`.
 //!
 //! `compact` has the weights of the shipped `kitti` model, `second` weights by formula (none are trained); int8 measures the
-//! ranges that it lacks on the scans turned left to right. With `--json` one object a run: milliseconds by part, what was
-//! computed and how far that is from what the registers can do; without it a table of every step. Frames run as on the
-//! vehicle; the backbone says when a step is done.
+//! ranges that it lacks on the scans turned left to right. With `--json` one object a run: milliseconds by part; without it a
+//! table of every step. Frames run as on the vehicle; the backbone says when a step is done.
 
 mod measure;
 mod report;
@@ -13,8 +12,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use clap::Parser;
 use mluc_backbone::Precision;
-use mluc_bench::{inputs, on_threads};
-use mluc_dataset::{read_calibration, read_scan};
+use mluc_dataset::read_scan;
 use mluc_kernels::Level;
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
 use mluc_train::{TrainError, quantize::measure_ranges};
@@ -38,15 +36,9 @@ struct Arguments {
     /// Registers of another processor, such as `avx2`, in place of the fastest of this one.
     #[arg(long)]
     level: Option<String>,
-    /// Points that KITTI's left colour camera sees, alone.
-    #[arg(long)]
-    crop: bool,
     /// Frames of each scan that are timed, after two that are not.
     #[arg(long, default_value_t = 50)]
     rounds: usize,
-    /// Leave out the warm-up at load, to see what it is worth to the first frame.
-    #[arg(long)]
-    cold: bool,
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
@@ -63,7 +55,7 @@ fn main() -> Result<()> {
     let (manifest, mut weights) = model(&arguments)?;
     let mut record = report::Record::default();
     let scans = arguments.scans.iter();
-    let scans = scans.map(|scan| Ok((scan, read(scan, arguments.crop)?)));
+    let scans = scans.map(|scan| Ok((scan, read_scan(scan)?)));
     let scans: Vec<_> = scans.collect::<Result<_>>()?;
     if arguments.precision == Precision::Int8 && !weights.is_calibrated() {
         // Of the scans turned left to right: like those that are measured, and not the same.
@@ -74,16 +66,15 @@ fn main() -> Result<()> {
         weights = measure_ranges(&manifest, &weights, turned)?;
     }
     let model = (&manifest, &weights, arguments.precision);
-    let rounds = (arguments.rounds, arguments.cold);
-    on_threads(arguments.threads, || {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads);
+    pool.build()?.install(|| {
         scans.iter().try_for_each(|(scan, points)| {
-            let measured = measure::measure(model, points, rounds, &mut record);
+            let measured = measure::measure(model, points, arguments.rounds, &mut record);
             measured.with_context(|| scan.display().to_string())
         })
     })?;
     if arguments.json {
-        let peak_gflops = report::peak_gflops(arguments.precision, arguments.threads);
-        println!("{}", record.json(peak_gflops));
+        println!("{}", record.json());
     } else {
         record.print();
     }
@@ -91,35 +82,12 @@ fn main() -> Result<()> {
 }
 
 fn model(arguments: &Arguments) -> Result<(Manifest, WeightSet)> {
-    if let Some(path) = &arguments.model {
-        let model = Model::read(path)?;
-        return Ok((model.manifest, model.weights));
+    if arguments.model.is_none() && arguments.profile == "second" {
+        let network = Network::second(Grid::kitti_second(), 3);
+        let weights = formula_weights(&network);
+        return Ok((Manifest::untrained("second", network), weights));
     }
-    if arguments.profile == "compact" {
-        return inputs::shipped();
-    }
-    let network = Network::second(Grid::kitti_second(), 3);
-    let weights = formula_weights(&network);
-    Ok((Manifest::untrained("second", network), weights))
-}
-
-/// A scan's points; with `crop` those alone that KITTI's left colour camera sees, as its labels cover no more:
-/// `.../velodyne/NAME.bin` has `.../calib/NAME.txt`.
-fn read(scan: &Path, crop: bool) -> Result<Vec<[f32; 4]>> {
-    /// Edges of a picture, pixels: those of most of KITTI's.
-    const PICTURE: [f64; 2] = [1242.0, 375.0];
-    let mut points = read_scan(scan)?;
-    if crop {
-        let folder = scan.parent().and_then(Path::parent);
-        let folder = folder.context("a scan in a folder")?.join("calib");
-        let name = scan.file_stem().context("a scan with a name")?;
-        let camera = read_calibration(&folder.join(name).with_extension("txt"))?;
-        points.retain(|&[x, y, z, _]| {
-            let pixel = camera.project_point_to_image([x, y, z].map(f64::from));
-            let is_inside =
-                |[u, v]: [f64; 2]| (0.0..PICTURE[0]).contains(&u) && (0.0..PICTURE[1]).contains(&v);
-            pixel.is_some_and(is_inside)
-        });
-    }
-    Ok(points)
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/paper/kitti.safetensors");
+    let model = Model::read(arguments.model.as_ref().unwrap_or(&shipped))?;
+    Ok((model.manifest, model.weights))
 }

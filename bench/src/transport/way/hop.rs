@@ -22,9 +22,7 @@ pub(super) fn sender<T: Payload>(link: &Link) -> Result<Sender> {
         let (output, shell) = &mut end;
         let header = FrameHeader::new(sequence, "bench");
         sequence += 1;
-        let asked_ns = monotonic_ns();
         let mut loan = output.loan(&header, elements)?;
-        let lent_ns = monotonic_ns();
         // Element by element, as raw iceoryx2 fills its memory.
         let element = element_of(word);
         for to in loan.elements_mut() {
@@ -33,11 +31,9 @@ pub(super) fn sender<T: Payload>(link: &Link) -> Result<Sender> {
         let at_ns = monotonic_ns();
         loan.header_mut().stamps_mut(Stage::Ingest).published_ns = at_ns;
         loan.publish()?;
-        let occupied_ns = lent_ns - asked_ns + monotonic_ns() - at_ns;
         shell.tick()?;
         Ok(Sent {
             at_ns,
-            occupied_ns,
             sum: sum_of::<T>(word, elements),
         })
     }))

@@ -13,8 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::load::Payload;
 
 /// One way from process to process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
     /// The stages' own: `mluc-runtime` with the one table of services.
     Hop,
@@ -43,8 +42,6 @@ fn silence(way: Way) -> String {
 pub(crate) struct Sent {
     /// The clock right before sending, CLOCK_MONOTONIC.
     pub(crate) at_ns: u64,
-    /// How long sending kept the sender, filling apart: lending memory, sending, waking.
-    pub(crate) occupied_ns: u64,
     /// Of the words sent, modulo 2^32.
     pub(crate) sum: u32,
 }
@@ -85,10 +82,6 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    pub(crate) fn bytes(&self) -> usize {
-        self.elements * self.payload.topic().element_bytes
-    }
-
     /// A pipeline of its own for each way.
     fn instance(&self, way: Way) -> Result<Instance> {
         Ok(Instance::new(&format!("{}-{}", self.label, way.name()))?)

@@ -32,10 +32,8 @@ pub(super) fn sender<T: Payload>(link: &Link) -> Result<Sender> {
     let end = (publisher, notifier, shell);
     Ok(Box::new(move |word| {
         let (publisher, notifier, _) = &end;
-        let asked_ns = monotonic_ns();
         let sample = publisher.loan_slice_uninit(elements);
         let sample = sample.context("lending memory")?;
-        let lent_ns = monotonic_ns();
         let element = element_of(word);
         let mut sample = sample.write_from_fn(|_| element);
         let at_ns = monotonic_ns();
@@ -44,7 +42,6 @@ pub(super) fn sender<T: Payload>(link: &Link) -> Result<Sender> {
         notifier.notify().context("waking")?;
         Ok(Sent {
             at_ns,
-            occupied_ns: lent_ns - asked_ns + monotonic_ns() - at_ns,
             sum: sum_of::<T>(word, elements),
         })
     }))

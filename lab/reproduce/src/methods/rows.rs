@@ -40,7 +40,7 @@ pub enum Method {
 pub struct MethodRow {
     /// What is run.
     pub method: Method,
-    /// Key in `report.json`, name on the command line.
+    /// Key in `report.json`.
     pub key: String,
     /// The network that it runs on.
     pub network: NetworkKind,
@@ -65,7 +65,7 @@ pub static METHODS: LazyLock<Vec<MethodRow>> =
 
 impl MethodRow {
     /// The row of a key.
-    pub fn find(key: &str) -> Option<&'static MethodRow> {
+    pub(crate) fn find(key: &str) -> Option<&'static MethodRow> {
         METHODS.iter().find(|row| row.key == key)
     }
 

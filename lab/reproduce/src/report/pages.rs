@@ -1,5 +1,4 @@
-//! Pages of scenes from above: the paper's figure 6 (one scene as labelled and as each method sees it, side by side), and the
-//! frames in which a method did worst.
+//! Scenes from above: the paper's figure 6 (one scene as labelled and as each method sees it, side by side).
 
 use mluc_evaluate::{ObjectKind, SensorDetection};
 use mluc_gateway::picture::{BoxKind, Canvas, Color, DrawnBox, View, bird_eye};
@@ -109,16 +108,6 @@ pub(crate) fn figure6(scenes: &[DrawnScene]) -> Canvas {
     page(&scenes.iter().map(row).collect::<Vec<_>>())
 }
 
-/// Draws the first panel of each scene, three a row, with the caption (two lines) over it.
-pub(crate) fn worst_page(scenes: &[DrawnScene]) -> Canvas {
-    let cell = |scene: &DrawnScene| {
-        let boxes = scene.panels.first().map_or(&[][..], |panel| &panel.boxes);
-        scene.found(&scene.caption, boxes)
-    };
-    let rows = scenes.chunks(3).map(|row| row.iter().map(cell).collect());
-    page(&rows.collect::<Vec<_>>())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -158,12 +147,5 @@ mod tests {
         let pinks = [8, 448].map(|left| count(left, |c| c[0] > 200 && c[2] > 150));
         assert!(reds[0] > 50 && reds[1] == 0, "{reds:?}");
         assert!(pinks[0] == 0 && pinks[1] > 20, "{pinks:?}");
-    }
-
-    #[test]
-    fn the_page_of_the_worst_has_three_frames_a_row() {
-        let size = |count: usize| worst_page(&vec![scene(); count]).size_px();
-        assert_eq!(size(3), [3 * 440 + 8, 468 + 8]);
-        assert_eq!(size(4), [3 * 440 + 8, 2 * 468 + 8]);
     }
 }

@@ -7,7 +7,6 @@ mod monitor;
 mod observe;
 mod replay;
 mod status;
-mod top;
 mod up;
 
 use std::os::unix::process::CommandExt;
@@ -29,7 +28,6 @@ pub use doctor::doctor;
 pub(crate) use monitor::{loopback, monitor};
 pub(crate) use replay::replay;
 pub(crate) use status::status;
-pub(crate) use top::top;
 pub(crate) use up::up;
 
 /// `mluc config`: the settings of a run, without the run.

@@ -2,18 +2,16 @@
 
 mod ap;
 mod compared;
-mod method;
 mod model;
 mod operating;
 mod report;
 
-use crate::commands::terminal::{at_least_one, print_err};
+use crate::commands::terminal::print_err;
 use anyhow::ensure;
 use clap::{Args, Subcommand};
 use mluc_dataset::{Label, unseen_classes};
 use mluc_evaluate::{ClassRule, unrecognized};
 use std::collections::BTreeSet;
-use std::path::PathBuf;
 
 /// Judge detections against labels.
 #[derive(Args)]
@@ -27,7 +25,6 @@ enum What {
     Ap(ap::ApArguments),
     Operating(operating::OperatingArguments),
     Model(model::ModelArguments),
-    Method(method::MethodArguments),
 }
 
 pub(crate) fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
@@ -35,22 +32,7 @@ pub(crate) fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
         What::Ap(arguments) => ap::run(arguments),
         What::Operating(arguments) => operating::run(arguments),
         What::Model(arguments) => model::run(arguments),
-        What::Method(arguments) => method::run(arguments),
     }
-}
-
-/// A network and the scans that it is run on.
-#[derive(Args)]
-struct Scans {
-    /// Model file.
-    #[arg(long, value_name = "FILE")]
-    model: PathBuf,
-    /// Folder in KITTI's format: velodyne, label_2, calib.
-    #[arg(long, value_name = "DIR")]
-    data: PathBuf,
-    /// First so many frames.
-    #[arg(long, default_value_t = usize::MAX, hide_default_value = true, value_parser = at_least_one, value_name = "N")]
-    frames: usize,
 }
 
 /// Warns of labels that no rule judges and of a class that nobody has heard of: a detection of such an object counts as false.

@@ -1,8 +1,8 @@
 //! `mluc-lab evaluate model`: the whole pipeline over labelled scans.
 
 use super::report::Outcome;
-use super::{Scans, unknown_labelled, warn_unrecognized};
-use crate::commands::terminal::{counted, one_of, print_out};
+use super::{unknown_labelled, warn_unrecognized};
+use crate::commands::terminal::{at_least_one, counted, one_of, print_out};
 use anyhow::ensure;
 use clap::Args;
 use mluc_backbone::Precision;
@@ -23,8 +23,15 @@ use std::path::PathBuf;
 /// unknown from known; AP by range and by the sensor's rings on the object. --sweep tries many thresholds of the gate.
 #[derive(Args)]
 pub(super) struct ModelArguments {
-    #[command(flatten)]
-    scans: Scans,
+    /// Model file.
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    /// Folder in KITTI's format: velodyne, label_2, calib.
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// First so many frames.
+    #[arg(long, default_value_t = usize::MAX, hide_default_value = true, value_parser = at_least_one, value_name = "N")]
+    frames: usize,
     /// Only the frames that ImageSets/SPLIT.txt names [default: all scans].
     #[arg(long)]
     split: Option<String>,
@@ -70,8 +77,8 @@ pub(super) struct ModelArguments {
 }
 
 pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
-    let scans = &arguments.scans;
-    let model = Model::read(&scans.model)?;
+    let path = &arguments.model;
+    let model = Model::read(path)?;
     let has_profiles = arguments.refiner == Variant::default();
     ensure!(
         has_profiles || !arguments.write_profiles,
@@ -79,7 +86,11 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         Variant::default().name(),
         arguments.refiner.name()
     );
-    let set = FrameSet::open(&scans.data, arguments.split.as_deref(), scans.frames)?;
+    let set = FrameSet::open(
+        &arguments.data,
+        arguments.split.as_deref(),
+        arguments.frames,
+    )?;
     let set = arguments
         .shard
         .map_or(set.clone(), |shard| set.shard(shard));
@@ -124,19 +135,19 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     if let (Some(sweep), true) = (&sweep, arguments.write_threshold) {
         let (gate, variant) = (ModelGate::of(&model), settings.variant.name());
         let chosen = choose_threshold(gate, sweep, &judgement, &set.describe(), variant)?;
-        write_threshold(&scans.model, &model, &chosen)?;
+        write_threshold(path, &model, &chosen)?;
         choice = Some(chosen);
     }
     if arguments.write_profiles || arguments.write_threshold && has_profiles {
-        let model = Model::read(&scans.model)?;
+        let model = Model::read(path)?;
         let chosen = choose_profiles(&model, &set, &frames, &judgement.rules, &settings)?;
-        write_profiles(&scans.model, &model, &chosen, &set.describe())?;
+        write_profiles(path, &model, &chosen, &set.describe())?;
         profiles = Some(chosen);
     }
     if arguments.write_precisions || arguments.write_threshold {
         let count = Precision::ALL.len() * set.names().len();
         counted("precisions", count, |step| {
-            write_precisions(&scans.model, &set, &unknown, &settings, step)
+            write_precisions(path, &set, &unknown, &settings, step)
         })?;
     }
     let outcome = Outcome {

@@ -93,7 +93,7 @@ impl Outcome {
 }
 
 /// How well each score of a box tells unknown from known, and from background.
-pub(super) fn separation(scores: &[ScoreSeparation]) -> String {
+fn separation(scores: &[ScoreSeparation]) -> String {
     render(include_str!("separation.txt"), json!({"scores": scores}))
 }
 
