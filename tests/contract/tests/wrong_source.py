@@ -17,11 +17,9 @@ class Wrong(mluc.Source):
         if FAULT == "any_version":
             self.lock = open(self.root + "/.lock")
             mluc.fcntl.flock(self.lock, mluc.fcntl.LOCK_SH)
-        elif FAULT == "no_place":
-            mluc.Member.join(self)
+            self.claim = open(self.root + "/suite.tmp", "w+b", 0)
         else:
-            return super().join()
-        self.claim = open(self.root + "/suite.tmp", "w+b", 0)
+            super().join()
 
     def end_on_signals(self):
         if FAULT == "deaf":

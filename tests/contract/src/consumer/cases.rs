@@ -19,6 +19,8 @@ const HELD: usize = 100;
 const TAKEN_MAX: usize = 3;
 /// For one frame to be handed over; usual are some us.
 const SEND_MAX: Duration = Duration::from_millis(500);
+/// So long a hostile frame is the newest.
+const TAKEN: Duration = Duration::from_millis(100);
 const SILENCE: Duration = Duration::from_millis(2500);
 const KILLS: usize = 5;
 
@@ -101,6 +103,7 @@ fn overload(session: &mut Session) -> Outcome {
 fn are_not_used(session: &mut Session, what: &str, frame: Frame) -> anyhow::Result<()> {
     let (sequence, before) = (frame.header.sequence, session.lines()?.len());
     session.player()?.send(&frame)?;
+    std::thread::sleep(TAKEN);
     session
         .ask()
         .with_context(|| format!("the sound frame after: {what}"))?;
@@ -172,6 +175,7 @@ fn hostile_values(session: &mut Session) -> Outcome {
         let mut frame = session.player()?.frame();
         spoil(&mut frame);
         session.player()?.send(&frame)?;
+        std::thread::sleep(TAKEN);
         // Each line is read as JSON, which has no NaN.
         let sound = session.ask();
         sound.with_context(|| format!("the sound frame after: {what}"))?;

@@ -32,7 +32,7 @@ pub(super) const CASES: &[Case<Session>] = &[
 ];
 
 fn start(session: &mut Session) -> Outcome {
-    session.player.has_stages(false)?;
+    session.player.has_stages = false;
     session.start()?;
     let waits = |health: &Health| {
         health.state == HealthState::WaitingInput as u32 && !health.reason().is_empty()

@@ -29,7 +29,7 @@ impl Suite for Session {
     fn ready(&mut self) -> anyhow::Result<()> {
         self.tested.stop();
         self.player.begin_run()?;
-        self.player.has_stages(true)?;
+        self.player.has_stages = true;
         self.start()
     }
 

@@ -3,12 +3,13 @@
 use std::time::Duration;
 
 use anyhow::ensure;
+use bytemuck::Zeroable;
 use mluc_ipc_types::{
-    Flags, FrameHeader, HealthState, Point, RunDescription, Stage, Status, StatusState, Topic,
-    WIRE_VERSION,
+    Flags, FrameHeader, Health, HealthState, Point, RunDescription, Stage, Status, StatusState,
+    Topic, WIRE_VERSION,
 };
 use mluc_runtime::{
-    HealthWatch, Input, Instance, Output, Shell, Shutdown, monotonic_ns, random_run_id,
+    HealthWatch, Input, Instance, Output, RuntimeError, Shell, monotonic_ns, random_run_id,
 };
 
 use crate::program::Options;
@@ -67,15 +68,24 @@ impl Scan {
     }
 }
 
+/// The heartbeats of a stage.
+fn beats(shell: &mut Shell, name: &'static str) -> Result<Output<Health>, RuntimeError> {
+    let topic = Topic {
+        name,
+        ..Topic::HEALTH
+    };
+    shell.output(&topic, 1)
+}
+
 pub(super) struct Player {
-    // Ports go before the shells.
+    // Ports go before the shell.
     points: Input<Point>,
     statuses: Output<Status>,
     pub(super) health: HealthWatch,
+    /// Backbone's, head's and refiner's heartbeats, and whether they are there.
+    beats: [Output<Health>; 3],
+    pub(super) has_stages: bool,
     shell: Shell,
-    /// Backbone, head and refiner, while they are there.
-    stages: Vec<Shell>,
-    instance: Instance,
     pub(super) run: RunDescription,
     /// What the supervisor has counted: scans that came.
     pub(super) sent: u64,
@@ -91,9 +101,13 @@ impl Player {
             points: shell.input(&Topic::POINTS)?,
             statuses: shell.output(&Topic::STATUS, 1)?,
             health: shell.health_watch()?,
+            beats: [
+                beats(&mut shell, "health/backbone")?,
+                beats(&mut shell, "health/head")?,
+                beats(&mut shell, "health/refiner")?,
+            ],
+            has_stages: false,
             shell,
-            stages: vec![],
-            instance: instance.clone(),
             run: options.run,
             sent: 0,
             answers: false,
@@ -114,28 +128,9 @@ impl Player {
         Ok(())
     }
 
-    /// Whether the stages behind are there and take frames.
-    pub(super) fn has_stages(&mut self, are_there: bool) -> anyhow::Result<()> {
-        if !are_there {
-            self.stages.clear();
-        } else if self.stages.is_empty() {
-            for stage in &Stage::ALL[1..] {
-                let shell = Shell::stage(&self.instance, *stage, Shutdown::manual())?;
-                self.stages.push(shell);
-            }
-        }
-        for shell in &mut self.stages {
-            shell.state(HealthState::WaitingInput, "waiting for points")?;
-        }
-        Ok(())
-    }
-
     /// What the played processes do all the time; takes 2 ms.
     pub(super) fn tick(&mut self) -> anyhow::Result<()> {
         self.shell.tick()?;
-        for shell in &mut self.stages {
-            shell.tick()?;
-        }
         self.health.update()?;
         let now_ns = monotonic_ns();
         if now_ns - self.told_ns > PERIOD_NS {
@@ -154,6 +149,18 @@ impl Player {
             let mut header = FrameHeader::new(0, Topic::STATUS.name);
             header.run_id = self.run.run_id;
             self.statuses.send(&header, &[status])?;
+            let stages = self.beats.iter_mut().zip(&Stage::ALL[1..]);
+            for (output, stage) in stages.filter(|_| self.has_stages) {
+                let health = Health {
+                    wire_version: WIRE_VERSION,
+                    stage: *stage as u32,
+                    state: HealthState::WaitingInput as u32,
+                    pid: std::process::id(),
+                    run_id: self.run.run_id,
+                    ..Health::zeroed()
+                };
+                output.send(&header, &[health])?;
+            }
         }
         self.statuses.reach_late_readers()?;
         std::thread::sleep(Duration::from_millis(2));
