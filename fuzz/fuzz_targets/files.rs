@@ -11,7 +11,7 @@ use mluc_sources::{Next, Scan, Source, files::Layout, packets::Calibration};
 
 /// As `--input` takes them, then other files.
 const KINDS: &str =
-    "bin pcd.bin npy pcd ply pcap pcapng mcap model sensor labels calib lines checkpoint socket";
+    "bin pcd.bin npy pcd ply pcap pcapng mcap model sensor labels calib lines checkpoint socket las";
 
 /// All points of the first scans.
 fn read_scans(path: &str) -> anyhow::Result<()> {

@@ -7,6 +7,7 @@ use std::fs::{read, read_dir, read_to_string};
 use std::path::{Path, PathBuf};
 
 use md5::{Digest, Md5};
+use mluc_sources::Scan;
 use mluc_sources::files::{Format, Layout};
 use mluc_sources::packets::{Calibration, Datagram, Decoder, Detector, Metadata, Revolution};
 use mluc_sources::pcap::Capture;
@@ -62,10 +63,13 @@ fn decode(decoder: &mut Decoder, packets: &[Packet], on: &mut dyn FnMut(&Revolut
 /// x, y, z of a PCD file.
 fn pcd_points(path: &Path) -> Vec<[f32; 3]> {
     let file = read(path).expect("readable");
-    let points = Format::Pcd.convert(&Layout::default(), file);
-    let (bytes, is_cut) = points.expect("a PCD file");
-    assert!(!is_cut);
-    let points = bytes.chunks_exact(16).map(bytemuck::pod_read_unaligned);
+    let mut scan = Scan::default();
+    let is_cut = Format::Pcd.convert(&Layout::default(), file, &mut scan);
+    assert!(!is_cut.expect("a PCD file"));
+    let points = scan
+        .bytes
+        .chunks_exact(16)
+        .map(bytemuck::pod_read_unaligned);
     points.map(|[x, y, z, _]: [f32; 4]| [x, y, z]).collect()
 }
 

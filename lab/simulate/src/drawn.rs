@@ -1,5 +1,6 @@
 //! The sensor of a `sim-any` frame: a real product, or one that never was, and how it is mounted.
 
+use super::mesh::v;
 use super::place::ROBOT_M;
 use super::random::Dice;
 use super::sensor::{Motion, Sensor};
@@ -49,8 +50,9 @@ pub(crate) fn sensor(dice: &mut Dice) -> SensorProfile {
 pub(crate) fn in_use(sensor: &mut Sensor, stays: bool, height_m: f32, dice: &mut Dice) {
     let fastest_mps = if height_m < ROBOT_M { 2.0 } else { 15.0 };
     let motion = Motion {
-        speed_mps: dice.range(0.0, fastest_mps),
+        velocity_mps: v(dice.range(0.0, fastest_mps), 0.0, 0.0),
         yaw_rate_radps: dice.normal(0.0, 0.15),
+        labels_at_end: false,
     };
     let moves = dice.chance(0.4) && !stays;
     sensor.motion = moves.then_some(motion);

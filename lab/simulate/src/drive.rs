@@ -12,9 +12,9 @@ const PERIOD_S: f32 = 0.1;
 /// Margin that a moving thing keeps, m.
 const CLEAR_M: f32 = 0.3;
 
-/// Moves the objects to where they are at a turn. Returns where the sensor is then, in the sensor frame of turn 0; it keeps its heading and its height above
-/// the ground. All go straight ahead, at speeds such that in the whole sequence nothing runs into anything.
-pub(crate) fn drive(layout: &mut Layout<'_>, turn: Turn, dice: &mut Dice) -> V3 {
+/// Moves the objects to where they are at a turn. Returns where the sensor is then, in the sensor frame of turn 0, and its velocity (m/s); it keeps its heading and its height
+/// above the ground. All go straight ahead, at speeds such that in the whole sequence nothing runs into anything.
+pub(crate) fn drive(layout: &mut Layout<'_>, turn: Turn, dice: &mut Dice) -> [V3; 2] {
     let (seconds, ground) = (PERIOD_S * turn.steps as f32, layout.ground);
     // All that takes ground: the sensor's own vehicle, then the objects in their order, then the background.
     let (taken, mut swept) = (&layout.taken, layout.taken.clone());
@@ -48,9 +48,13 @@ pub(crate) fn drive(layout: &mut Layout<'_>, turn: Turn, dice: &mut Dice) -> V3 
             at.y += way_m * at.yaw.sin();
         }
     }
-    let way_m = way_m(ego_mps);
-    let (x, y) = (way_m * ground.yaw_rad.cos(), way_m * ground.yaw_rad.sin());
-    v(x, y, ground.height(x, y) - ground.height(0.0, 0.0))
+    let at = |step: f32| {
+        let way_m = ego_mps * PERIOD_S * step;
+        let (x, y) = (way_m * ground.yaw_rad.cos(), way_m * ground.yaw_rad.sin());
+        v(x, y, ground.height(x, y) - ground.height(0.0, 0.0))
+    };
+    let step = turn.step as f32;
+    [at(step), (at(step) - at(step - 1.0)) / PERIOD_S]
 }
 
 /// All that a thing covers on its way straight ahead.

@@ -39,6 +39,10 @@ pub struct ExportOptions {
     /// Adds poses.txt and timestamps.txt; the frames that come first are not those of a data set without sequences.
     #[arg(long, value_parser = clap::value_parser!(u32).range(2..=100))]
     pub sequence: Option<u32>,
+    /// The sensor of a sequence moves while it turns, too. Labels lie where objects are at the turn's end. Adds timed/, the same scans with a fifth column: the
+    /// point's time, s after that end, which timestamps.txt and poses.txt tell.
+    #[arg(long, requires = "sequence")]
+    pub moving: bool,
     /// Steps towards recorded scans: all of them, unless what they are worth is measured.
     #[arg(skip = Realism::FULL)]
     pub realism: Realism,
@@ -146,7 +150,11 @@ fn simulated(options: &ExportOptions, index: u32) -> Result<Shown, SimulateError
         return turn(stream, sensors, index, None);
     };
     let step = index % steps;
-    let part = Some(Turn { step, steps });
+    let part = Some(Turn {
+        step,
+        steps,
+        moves: options.moving,
+    });
     turn(stream, sensors, index / steps, part)
 }
 
@@ -196,7 +204,8 @@ fn prepare(options: &ExportOptions) -> Result<(), DatasetError> {
         }
     }
     let parts = "velodyne label_2 calib planes instances ImageSets";
-    make_folders(folder, &parts.split(' ').collect::<Vec<_>>())
+    let timed = options.moving.then_some("timed");
+    make_folders(folder, &parts.split(' ').chain(timed).collect::<Vec<_>>())
 }
 
 fn write_frame(
@@ -223,10 +232,17 @@ fn write_frame(
         ("calib", "txt", calib.into_bytes()),
         ("planes", "txt", plane.into_bytes()),
     ];
-    files.iter().try_for_each(|(folder, extension, bytes)| {
-        let file = format!("{folder}/{index:06}.{extension}");
-        write_file(&options.folder.join(file), bytes)
-    })
+    let rows = frame.points.iter().zip(&frame.times_s);
+    let rows = rows.flat_map(|([x, y, z, i], time_s)| [*x, *y, *z, *i, *time_s]);
+    let timed = rows.flat_map(f32::to_le_bytes);
+    let timed = options.moving.then(|| ("timed", "bin", timed.collect()));
+    files
+        .iter()
+        .chain(&timed)
+        .try_for_each(|(folder, extension, bytes)| {
+            let file = format!("{folder}/{index:06}.{extension}");
+            write_file(&options.folder.join(file), bytes)
+        })
 }
 
 /// More objects than a scene has.

@@ -60,9 +60,14 @@ pub(crate) fn label(
         }
         let vertices = &scene.mesh.vertices[solid.vertices.clone()];
         let (image_box_px, truncated) = image_box(calibration, vertices);
+        let at_end = sensor.motion.is_some_and(|motion| motion.labels_at_end);
         objects.push(SimulatedObject {
             class: solid.class,
-            box_in_sensor,
+            box_in_sensor: if at_end {
+                solid.box_in_sensor
+            } else {
+                box_in_sensor
+            },
             visibility: visibility(sensor, scene, solid, instance, &sweep)?,
             points,
             image_box_px,
@@ -75,6 +80,7 @@ pub(crate) fn label(
     let instances = sweep.instances.iter().map(label).collect();
     Ok(SimulatedFrame {
         points: sweep.points,
+        times_s: sweep.times_s,
         objects,
         instances,
         plane: [0.0; 4],

@@ -226,6 +226,8 @@ pub struct SimulatedFrame {
     pub objects: Vec<SimulatedObject>,
     /// For each point what it lies on: 0 ground, n the n-th object (from 1), 0x8000 and above background, 0x7FFF an object without a label. Diagnostics only.
     pub instances: Vec<u16>,
+    /// Of each point, s after the turn's end.
+    pub times_s: Vec<f32>,
     /// Ground at the sensor: a, b, c, d with a x + b y + c z + d = 0, (a, b, c) upward of length 1, sensor frame.
     pub plane: [f64; 4],
 }
@@ -272,6 +274,8 @@ struct Turn {
     step: u32,
     /// Frames of the sequence.
     steps: u32,
+    /// Whether the sensor moves while it turns.
+    moves: bool,
 }
 
 /// Simulates one frame, by the family's sensor where no other is given. Pure: the same arguments give the same bits, whatever was
@@ -343,13 +347,20 @@ fn turn(
     }
     let mut sensor_at = mesh::V3::ZERO;
     if let Some(turn) = turn {
-        sensor_at = drive::drive(&mut layout, turn, &mut dice(6));
+        let [at, velocity_mps] = drive::drive(&mut layout, turn, &mut dice(6));
+        sensor_at = at;
+        sensor.motion = turn.moves.then_some(sensor::Motion {
+            velocity_mps,
+            yaw_rate_radps: 0.0,
+            labels_at_end: true,
+        });
         // Its beams stay, the noise of its rays is another.
         sensor.key = random::hash(&[sensor.key, turn.step.into()]);
     }
     let mut solids = scene.add_objects(&ground, &layout.placed);
     scene.see_from(sensor_at, &mut solids);
-    if let Some(ego) = &ego {
+    // The own vehicle would move along: a sensor that moves while it turns sees none.
+    if let (Some(ego), None) = (&ego, sensor.motion) {
         // Where the sensor is: nothing of it is labelled.
         scene.add(&ego.mesh, labels::UNLABELLED, |p| p);
     }

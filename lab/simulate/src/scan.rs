@@ -15,6 +15,7 @@ const EDGE_M: [f32; 2] = [0.3, 4.0];
 pub(crate) struct Sweep {
     pub(crate) points: Vec<[f32; 4]>,
     pub(crate) instances: Vec<u16>,
+    pub(crate) times_s: Vec<f32>,
     pub(crate) ended_on: Vec<Option<u16>>,
 }
 
@@ -28,6 +29,7 @@ pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
     let mut sweep = Sweep {
         points: Vec::with_capacity(hits.len()),
         instances: Vec::with_capacity(hits.len()),
+        times_s: Vec::with_capacity(hits.len()),
         ended_on: hits.iter().map(|hit| hit.map(|h| h.instance)).collect(),
     };
     for (i, hit) in hits.iter().enumerate() {
@@ -37,6 +39,7 @@ pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
         if let Some(point) = returned(sensor, *hit, neighbour, shot) {
             sweep.points.push(point);
             sweep.instances.push(hit.instance);
+            sweep.times_s.push(sensor.time_s(column));
         }
         let is_dual = unit(sensor.bits(Stream::Second, shot)) < sensor.second_returns;
         let behind = neighbour.filter(|n| is_dual && n.range_m - hit.range_m > EDGE_M[0]);
@@ -44,6 +47,7 @@ pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
         if let Some((point, instance)) = second {
             sweep.points.push(point);
             sweep.instances.push(instance);
+            sweep.times_s.push(sensor.time_s(column));
         }
     }
     Ok(sweep)

@@ -86,8 +86,11 @@ pub(crate) enum Stream {
 /// them; the frame of the scan is the sensor's at the end of the turn.
 #[derive(Clone, Copy)]
 pub(crate) struct Motion {
-    pub(crate) speed_mps: f32,
+    /// In the frame of the scan.
+    pub(crate) velocity_mps: V3,
     pub(crate) yaw_rate_radps: f32,
+    /// Labels lie where the objects are at the turn's end, not where their points are.
+    pub(crate) labels_at_end: bool,
 }
 
 /// A turn at 10 Hz, s.
@@ -98,7 +101,7 @@ impl Motion {
     fn pose(self, share_left: f32) -> (V3, [f32; 2]) {
         let before_s = -TURN_S * share_left;
         let (sin, cos) = (self.yaw_rate_radps * before_s).sin_cos();
-        (v(self.speed_mps * before_s, 0.0, 0.0), [sin, cos])
+        (self.velocity_mps * before_s, [sin, cos])
     }
 }
 
@@ -291,7 +294,7 @@ impl Sensor {
     /// How far a beam may look aside of where [`Sensor::column_direction`] and its elevation say at what is so far away, rad.
     pub(crate) fn stray_rad(&self, away_m: f32) -> f32 {
         let moved = self.motion.map_or(0.0, |motion| {
-            TURN_S * (motion.speed_mps / away_m.max(1.0) + motion.yaw_rate_radps.abs())
+            TURN_S * (motion.velocity_mps.length() / away_m.max(1.0) + motion.yaw_rate_radps.abs())
         });
         self.stray_rad + moved
     }
@@ -326,11 +329,21 @@ impl Sensor {
         let Some(motion) = self.motion else {
             return (start, direction);
         };
-        let (at, heading) = motion.pose(1.0 - (shot.1 as f32 + 0.5) / self.column_count as f32);
+        let (at, heading) = motion.pose(self.share_left(shot.1));
         (
             at + turned_by(start, heading),
             turned_by(direction, heading),
         )
+    }
+
+    /// Of the turn, at a column.
+    fn share_left(&self, column: usize) -> f32 {
+        1.0 - (column as f32 + 0.5) / self.column_count as f32
+    }
+
+    /// When a column is cast, after the turn's end, s.
+    pub(crate) fn time_s(&self, column: usize) -> f32 {
+        -TURN_S * self.share_left(column)
     }
 
     /// The same as the sensor itself, which may move, reports it.

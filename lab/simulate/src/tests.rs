@@ -1,10 +1,12 @@
 //! What the simulator promises: the same bits for the same key, geometry that can be computed by hand, labels that read back, no unknown class in training.
 
-use super::mesh::{Mesh, v};
+use super::mesh::{Mesh, V3, v};
 use super::scene::{Scene, Solid};
 use super::*;
 use mluc_dataset::Dataset;
 use mluc_geometry::intersection_bev_m2;
+use mluc_sources::Deskew;
+use nalgebra::{IsometryMatrix3, Rotation3, Translation3};
 
 /// A sensor over flat ground 1.73 m below it, with more things added by the caller.
 pub(super) fn flat(things: &[(&Mesh, u16)]) -> Scene {
@@ -155,8 +157,9 @@ fn a_block_returns_as_many_points_as_its_angles_say() {
 fn a_moving_sensor_reports_what_it_saw_on_its_way_and_labels_lie_there() {
     // 10 m/s ahead; straight ahead is seen at the turn's beginning, 1 m further back, and again at its end.
     let motion = sensor::Motion {
-        speed_mps: 10.0,
+        velocity_mps: v(10.0, 0.0, 0.0),
         yaw_rate_radps: 0.0,
+        labels_at_end: false,
     };
     let (near, far) = ([10.5, 0.5, -0.9], [10.5, -0.5, -0.9]);
     let size = [1.0, 0.9, 1.4];
@@ -177,6 +180,60 @@ fn a_moving_sensor_reports_what_it_saw_on_its_way_and_labels_lie_there() {
         seen.size_m = seen.size_m.map(|s| s + 0.3);
         assert!(seen.count_inside(&own) * 20 > own.len() * 19, "{seen:?}");
     }
+}
+
+#[test]
+fn deskewed_points_lie_where_the_rays_ended() {
+    // 15 m/s, a little uphill and aside, in a bend of 0.5 rad/s; between the walls every ray ends somewhere.
+    let motion = sensor::Motion {
+        velocity_mps: v(15.0, 0.5, 0.3),
+        yaw_rate_radps: 0.5,
+        labels_at_end: false,
+    };
+    let walls: [[f32; 2]; 4] = [[30.0, 0.0], [-30.0, 0.0], [0.0, 30.0], [0.0, -30.0]];
+    let walls = walls.map(|[x, y]| {
+        block(
+            [x, y, 0.0],
+            [2.0 + 2.0 * y.abs(), 2.0 + 2.0 * x.abs(), 40.0],
+        )
+    });
+    let scene = flat(&walls.each_ref().map(|wall| (wall, 1)));
+    let mut sensor = sensor::Sensor::new(3, false, Realism::FULL);
+    sensor.motion = Some(motion);
+    // What poses before and after the turn say, 0.15 s apart.
+    let pose = |time_s: f32| {
+        let at = motion.velocity_mps * time_s;
+        let rotation = Rotation3::from_euler_angles(0.0, 0.0, f64::from(0.5 * time_s));
+        let at = Translation3::from(at.to_array().map(f64::from));
+        // As in a map: far from its origin, with another heading.
+        let turned = Rotation3::from_euler_angles(0.0, 0.0, 2.5);
+        let start = IsometryMatrix3::from_parts(Translation3::new(4.5e5, 5.4e6, 0.0), turned);
+        start * IsometryMatrix3::from_parts(at, rotation)
+    };
+    let deskew = Deskew::new([-0.12, 0.03], [pose(-0.12), pose(0.03)]).expect("a motion");
+    let world = scene
+        .searchable(0..scene.mesh.triangles.len())
+        .expect("a mesh");
+    let (mut points, mut sums_m, mut most_m) = (0, [0.0; 2], [0.0f32; 2]);
+    let columns = sensor.column_count;
+    for shot in (0..64 * columns).map(|i| (i / columns, i % columns)) {
+        let Some(hit) = scan::trace(&world, &sensor, shot) else {
+            continue;
+        };
+        let end = |(start, direction): (V3, V3)| start + direction * hit.range_m;
+        let (truth, seen) = (end(sensor.ray(shot)), end(sensor.ray_in_sensor(shot)));
+        let moved = deskew.moved(sensor.time_s(shot.1).into(), seen.to_array());
+        points += 1;
+        for (which, found) in [seen, moved.into()].into_iter().enumerate() {
+            let error_m = (found - truth).length();
+            sums_m[which] += f64::from(error_m);
+            most_m[which] = most_m[which].max(error_m);
+        }
+    }
+    let mean_m = sums_m.map(|sum_m| sum_m / f64::from(points));
+    println!("{points} points as seen, deskewed: mean {mean_m:.4?} m, at most {most_m:.4?} m");
+    assert!(points > 100_000 && mean_m[0] > 0.5 && most_m[0] > 1.0);
+    assert!(mean_m[1] < 0.002 && most_m[1] < 0.005);
 }
 
 #[test]
@@ -457,7 +514,19 @@ fn without_a_camera_labels_carry_the_level_of_their_points() {
 fn a_sequence_shows_the_same_scene_from_a_moving_sensor() {
     let (family, split, seed, steps) = (Family::SimUdi, Split::Test, 3, 10);
     let stream = Stream::full(family, split, seed);
-    let shown = |index, step| turn(stream, [None; 2], index, Some(Turn { step, steps })).unwrap();
+    let shown = |index, step| {
+        turn(
+            stream,
+            [None; 2],
+            index,
+            Some(Turn {
+                step,
+                steps,
+                moves: false,
+            }),
+        )
+        .unwrap()
+    };
     // The first turn is at the place, and with the objects, of the frame without a sequence.
     let (first, start) = shown(0, 0);
     assert_eq!(start, [0.0; 3]);

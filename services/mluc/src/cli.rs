@@ -123,7 +123,7 @@ const OBJECTS: &str = "Objects";
 /// As a document it holds what was given, but for the three lists of words.
 #[derive(Args, Clone, Debug, Default, Serialize)]
 pub(crate) struct PipelineArgs {
-    /// A folder of scans (or of `velodyne/`) or one scan (.bin, .pcd.bin, .npy, .pcd, .ply), a capture (.pcap, .pcapng), a recording
+    /// A folder of scans (or of `velodyne/`) or one scan (.bin, .pcd.bin, .npy, .pcd, .ply, .las), a capture (.pcap, .pcapng), a recording
     /// (.mcap), one of these on standard input (-), a live sensor (udp:2368, udp:ADDRESS:PORT), a folder that grows (follow:DIR), or a ROS 2 topic (ros2:/TOPIC; needs the program mluc-ros2).
     #[arg(long, help_heading = INPUT)]
     pub(crate) input: Option<PathBuf>,
@@ -216,6 +216,15 @@ pub(crate) struct LayoutArgs {
     #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     columns: Vec<String>,
+    /// Where the sensor is in the coordinates of the files, which may be those of a map [default: 0,0,0].
+    #[arg(
+        long,
+        value_delimiter = ',',
+        value_name = "X,Y,Z",
+        allow_hyphen_values = true
+    )]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    origin: Vec<f64>,
     /// Metres a unit of the coordinates, 0.001 for mm [default: 1].
     #[arg(long)]
     scale: Option<f64>,
@@ -231,6 +240,14 @@ pub(crate) struct LayoutArgs {
     /// Topic of the scans in a recording [default: the only one that has some].
     #[arg(long)]
     topic: Option<String>,
+    /// Correct points for the sensor's motion within a turn, by their times: to where they are at the scan's stamp. Poses come from poses.txt beside the scans, from
+    /// a recording's odometry or transforms, or from ROS 2.
+    #[arg(long)]
+    #[serde(skip_serializing_if = "is_off")]
+    deskew: bool,
+    /// Topic of these poses [default: a recording's /tf or only one, /odom of ROS 2].
+    #[arg(long)]
+    odometry: Option<String>,
 }
 
 impl LayoutArgs {

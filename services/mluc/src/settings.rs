@@ -289,10 +289,14 @@ impl Settings {
     /// Opens what ingest reads; `None`: nothing is given.
     pub(crate) fn source(&self, open: Open) -> anyhow::Result<Option<Source>> {
         let frame = self.sensor.extrinsics.unwrap_or_default();
+        let mut layout = self.layout.clone();
+        if layout.deskew {
+            layout.base_from_sensor = frame;
+        }
         let source = match &self.input {
-            Some(input) => open(input, &self.layout, self.repeat),
+            Some(input) => open(input, &layout, self.repeat),
             None if self.lidar.is_empty() => return Ok(None),
-            None => Source::merge(&self.lidar, &self.layout, frame, self.tolerance_ms, open),
+            None => Source::merge(&self.lidar, &layout, frame, self.tolerance_ms, open),
         };
         source.map(Some)
     }

@@ -10,7 +10,7 @@ use mluc::UsageError;
 use mluc_gateway::ros2::topics;
 use mluc_runtime::wall_clock_ns;
 use mluc_sources::files::Layout;
-use mluc_sources::{LiveScans, Next, Scan, Source, ros2_topic};
+use mluc_sources::{LiveScans, Next, ODOMETRY, Odometry, Scan, Source, ros2_topic};
 use rustdds::no_key::SimpleDataReader;
 use rustdds::{DomainParticipant, GUID, QosPolicyBuilder};
 
@@ -18,6 +18,8 @@ use crate::dds::{Encoded, join, keep, topic};
 
 /// Clouds that wait: the newest, and the one that arrives.
 const CLOUDS_MAX: i32 = 2;
+/// Poses that wait: 0.2 s at 1 kHz.
+const POSES_MAX: i32 = 200;
 
 /// As [`Source::open`], and `ros2:/TOPIC`.
 pub(crate) fn open(input: &Path, layout: &Layout, repeat: bool) -> anyhow::Result<Source> {
@@ -27,10 +29,14 @@ pub(crate) fn open(input: &Path, layout: &Layout, repeat: bool) -> anyhow::Resul
     }
 }
 
+type Reader = SimpleDataReader<Vec<u8>, Encoded>;
+
 struct Clouds {
     name: String,
     layout: Layout,
-    reader: SimpleDataReader<Vec<u8>, Encoded>,
+    reader: Reader,
+    /// What the scans are corrected by.
+    odometry: Option<(Reader, Odometry)>,
     _participant: DomainParticipant,
     heard: Instant,
     number: u64,
@@ -46,19 +52,30 @@ impl Clouds {
             let text = format!("input: expected ros2:/TOPIC, found ros2:{name}");
             return Err(UsageError(text).into());
         }
-        // ROS' profile for sensor data, with room for the newest alone.
-        let qos = keep(QosPolicyBuilder::new().best_effort(), 1, CLOUDS_MAX);
         let participant = join()?;
+        // ROS' profile for sensor data.
+        let read = |name: &str, schema: &str, depth, count_max| -> anyhow::Result<Reader> {
+            let qos = keep(QosPolicyBuilder::new().best_effort(), depth, count_max);
+            let topic = topic(&participant, name, schema, &qos)?;
+            let subscriber = participant.create_subscriber(&qos)?;
+            Ok(subscriber.create_simple_datareader_no_key(&topic, Some(qos))?)
+        };
         let [cloud, ..] = topics();
-        let topic = topic(&participant, name, cloud.schema, &qos)?;
-        let subscriber = participant.create_subscriber(&qos)?;
-        let reader = subscriber.create_simple_datareader_no_key(&topic, Some(qos))?;
+        let reader = read(name, cloud.schema, 1, CLOUDS_MAX)?;
+        let poses = layout.odometry.as_deref().unwrap_or("/odom");
+        let poses = layout
+            .deskew
+            .then(|| read(poses, ODOMETRY, POSES_MAX, POSES_MAX));
+        let odometry = poses
+            .transpose()?
+            .map(|poses| (poses, Odometry::new(layout)));
         let domain = participant.domain_id();
         tracing::info!(topic = name, domain, "listening");
         Ok(Clouds {
             name: name.to_string(),
             layout: layout.clone(),
             reader,
+            odometry,
             _participant: participant,
             heard: Instant::now(),
             number: 0,
@@ -100,7 +117,14 @@ impl LiveScans for Clouds {
             self.reader.set_waker(Some(waker));
             if let Some(message) = self.newest() {
                 self.heard = Instant::now();
-                scan.take_point_cloud2(&self.layout, &message, wall_clock_ns());
+                let frame = scan.take_point_cloud2(&self.layout, &message, wall_clock_ns());
+                if let Some((reader, odometry)) = &mut self.odometry {
+                    reader.drain_read_notifications();
+                    while let Ok(Some(pose)) = reader.try_take_one() {
+                        odometry.take(ODOMETRY, false, &pose.into_value());
+                    }
+                    odometry.correct(scan, &frame);
+                }
                 (scan.name, scan.offset_ns) = (format!("{:06}", self.number), None);
                 scan.missed = std::mem::take(&mut self.missed);
                 self.number += 1;

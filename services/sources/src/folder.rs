@@ -8,6 +8,8 @@ use anyhow::{Context, bail, ensure};
 use mluc_ipc_types::{EgoPose, Flags};
 
 use crate::files::{self, Format, Layout};
+use crate::merged::pose as pose_of;
+use crate::motion::{NO_TIMES, Trajectory};
 use crate::{Scan, SourceError, ending};
 
 /// Bytes read of one scan: 4 million points; the rest could not be used anyway.
@@ -74,6 +76,20 @@ impl Folder {
         )
     }
 
+    /// Refuses to correct scans for motion that have no stamps and poses, or whose first one has points without times.
+    pub(crate) fn check_motion(&self) -> anyhow::Result<()> {
+        let is_known = self.stamps_ns.is_some() && self.poses.is_some();
+        ensure!(
+            is_known,
+            "expected poses.txt and timestamps.txt beside the scans"
+        );
+        let mut scan = Scan::default();
+        self.read(0, &mut scan);
+        let has_times = scan.bytes.is_empty() || !scan.times_ns.is_empty();
+        ensure!(has_times, "{NO_TIMES}");
+        Ok(())
+    }
+
     /// Refuses `.bin` files that have another number of columns than four. One of another size among some is cut short, and no reason.
     pub(crate) fn check_columns(&self, scans: &[PathBuf]) -> Result<(), SourceError> {
         let is_plain = |path: &PathBuf| Format::of(path) == Some(Format::Bin);
@@ -88,8 +104,19 @@ impl Folder {
     /// The scan of a number that counts on over all rounds.
     pub(crate) fn load(&self, sequence: u64, scan: &mut Scan) {
         let index = (sequence % self.scans.len() as u64) as usize;
-        scan.flags = self.read(index, &mut scan.bytes);
+        scan.flags = self.read(index, scan);
         self.describe(sequence, scan);
+        let (Some(stamps_ns), Some(poses), true) =
+            (&self.stamps_ns, &self.poses, self.layout.deskew)
+        else {
+            return;
+        };
+        let mut trajectory = Trajectory::default();
+        for near in index.saturating_sub(1)..(index + 2).min(poses.len()) {
+            let ([x, y, z], yaw) = (poses[near].position_m, poses[near].yaw_rad);
+            trajectory.push(stamps_ns[near], pose_of([x, y, z, 0.0, 0.0, yaw]));
+        }
+        scan.deskew(|after_s| trajectory.at(stamps_ns[index], after_s));
     }
 
     /// All of a scan but its points.
@@ -111,11 +138,13 @@ impl Folder {
         stems.next().unwrap_or(&file).to_string()
     }
 
-    /// Reads a scan into `bytes`, which is reused: x, y, z (m), intensity as f32, whatever the file's format. The flags say that it is longer than a scan can be,
+    /// Reads a scan into its memory, which is reused: x, y, z (m), intensity as f32, whatever the file's format. The flags say that it is longer than a scan can be,
     /// ends too early, or could not be read.
-    fn read(&self, index: usize, bytes: &mut Vec<u8>) -> Flags {
+    fn read(&self, index: usize, scan: &mut Scan) -> Flags {
         let mut flags = Flags::default();
-        match self.read_points(index, bytes) {
+        let is_read = self.read_points(index, scan);
+        let bytes = &mut scan.bytes;
+        match is_read {
             Ok(is_cut) if is_cut => flags = flags.with(Flags::DAMAGED_INPUT),
             Ok(_) => {}
             Err(error) => {
@@ -133,19 +162,15 @@ impl Folder {
     }
 
     /// True: the file ends before what it promises.
-    fn read_points(&self, index: usize, bytes: &mut Vec<u8>) -> anyhow::Result<bool> {
-        bytes.clear();
+    fn read_points(&self, index: usize, scan: &mut Scan) -> anyhow::Result<bool> {
+        let mut file = std::mem::take(&mut scan.bytes);
+        file.clear();
         let path = &self.scans[index];
         let format = Format::of(path).context("a file of another format")?;
         File::open(path)?
             .take(SCAN_BYTES_MAX + 1)
-            .read_to_end(bytes)?;
-        if format == Format::Bin && bytes.len() as u64 > SCAN_BYTES_MAX {
-            return Ok(false);
-        }
-        let (points, is_cut) = format.convert(&self.layout, std::mem::take(bytes))?;
-        *bytes = points;
-        Ok(is_cut)
+            .read_to_end(&mut file)?;
+        Ok(format.convert(&self.layout, file, scan)?)
     }
 }
 
@@ -166,7 +191,7 @@ fn endings() -> String {
 fn refusal(input: &Path) -> String {
     let help = match ending(input).as_str() {
         "bag" | "db3" => "; `mcap convert IN OUT.mcap` makes an .mcap of it, which is read",
-        "las" | "laz" => "; `pdal translate IN.laz OUT.ply` makes a .ply of it",
+        "laz" => "; `pdal translate IN.laz OUT.las` makes a .las of it, which is read",
         _ => "",
     };
     let scan = endings();
@@ -348,9 +373,12 @@ mod tests {
             scans: vec!["/nowhere/000007.bin".into()],
             ..Folder::default()
         };
-        let mut bytes = vec![1, 2, 3];
-        assert_eq!(source.read(0, &mut bytes), Flags::DAMAGED_INPUT);
-        assert!(bytes.is_empty());
+        let mut scan = Scan {
+            bytes: vec![1, 2, 3],
+            ..Scan::default()
+        };
+        assert_eq!(source.read(0, &mut scan), Flags::DAMAGED_INPUT);
+        assert!(scan.bytes.is_empty());
         assert_eq!(source.name(0), "000007");
     }
 

@@ -2,15 +2,17 @@
 //!
 //! [`Source`] is what `--input` names: a folder of scans, whose [`files`] have several formats; [`packets`] decodes what sensors send, without
 //! I/O; [`pcap`] reads captures, [`udp`] listens to a live sensor; a recording (MCAP) holds scans as messages. [`Source::merge`] makes one of several.
-//! [`Source::live`] takes scans of another program's kind.
+//! [`Source::live`] takes scans of another program's kind. [`Odometry`] corrects scans for motion.
 
 mod capture;
+mod deskew;
 mod error;
 pub mod files;
 mod folder;
 mod growing;
 mod live;
 mod merged;
+mod motion;
 pub mod packets;
 pub mod pcap;
 mod recording;
@@ -20,7 +22,7 @@ pub mod udp;
 use std::path::Path;
 use std::time::Duration;
 
-use anyhow::bail;
+use anyhow::{Context, anyhow, bail};
 use mluc_ipc_types::{EgoPose, Flags};
 
 use capture::CaptureScans;
@@ -31,11 +33,13 @@ use live::{Live, PATIENCE};
 use merged::Merged;
 use recording::Recording;
 
+pub use deskew::Deskew;
 pub use error::SourceError;
 use error::refused;
 pub use growing::FOLLOW;
 use live::address;
 pub use merged::Lidar;
+pub use motion::{ODOMETRY, Odometry};
 pub use recording::Recorded;
 
 /// One scan, as ingest publishes it; its memory is used again for the next one.
@@ -43,6 +47,8 @@ pub use recording::Recorded;
 pub struct Scan {
     /// x, y, z (m, sensor frame: forward, left, up), intensity (0 to 1): four little-endian f32 a point.
     pub bytes: Vec<u8>,
+    /// Of each point, ns, after the stamp or since 1970; empty: not known, or not asked for.
+    pub times_ns: Vec<f64>,
     /// The frame's name: its file's, or a number.
     pub name: String,
     /// What is known to be wrong with it.
@@ -138,6 +144,15 @@ impl Source {
         } else {
             Kind::Folder(Folder::find(input, layout)?)
         };
+        let has_poses = match &kind {
+            Kind::Folder(folder) if layout.deskew => folder.check_motion(),
+            Kind::Folder(_) | Kind::Recording(_) => Ok(()),
+            _ if !layout.deskew => Ok(()),
+            _ => Err(anyhow!(
+                "expected poses as folders, recordings and ROS 2 topics have them"
+            )),
+        };
+        has_poses.with_context(|| format!("input {}: deskew", input.display()))?;
         Ok(Source { kind, repeat })
     }
 
@@ -205,6 +220,7 @@ impl Source {
             _ => return self.load(sequence, scan),
         };
         scan.bytes.clear();
+        scan.times_ns.clear();
         scan.flags = Flags::DAMAGED_INPUT;
         Ok(next)
     }

@@ -77,6 +77,9 @@ impl Source {
             let (name, mut layout) = (lidar.name.clone(), layout.clone());
             layout.calibration = lidar.calibration.clone().or(layout.calibration);
             layout.topic = lidar.topic.clone().or(layout.topic);
+            if layout.deskew {
+                layout.base_from_sensor = lidar.extrinsics;
+            }
             let source = open(&lidar.input, &layout, false);
             anyhow::Ok(Part {
                 source: source.with_context(|| format!("[[lidar]] {name}"))?,
@@ -166,6 +169,7 @@ impl Merged {
             bytes: std::mem::take(&mut scan.bytes),
             name: leader.name.clone(),
             flags,
+            times_ns: vec![],
             ..*leader
         };
     }
@@ -243,7 +247,7 @@ fn time_ns_of(scan: &Scan) -> Option<u64> {
     scan.received_ns.or(scan.stamp_ns)
 }
 
-fn pose([x, y, z, roll_rad, pitch_rad, yaw_rad]: [f64; 6]) -> IsometryMatrix3<f64> {
+pub(crate) fn pose([x, y, z, roll_rad, pitch_rad, yaw_rad]: [f64; 6]) -> IsometryMatrix3<f64> {
     let rotation = Rotation3::from_euler_angles(roll_rad, pitch_rad, yaw_rad);
     IsometryMatrix3::from_parts(Translation3::new(x, y, z), rotation)
 }

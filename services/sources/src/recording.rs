@@ -12,6 +12,7 @@ use mcap::{Channel, Summary};
 use mluc_ipc_types::Flags;
 
 use crate::files::{CLOUDS, Cloud, Layout};
+use crate::motion::{Odometry, POSES};
 use crate::rounds::Rounds;
 use crate::{Next, Scan, SourceError, numbered, refused};
 
@@ -20,6 +21,10 @@ const RECORD_BYTES_MAX: usize = 256 << 20;
 /// Messages until the caller is asked to come again: it has heartbeats to send.
 const LOOKS_MAX: u32 = 64;
 const READ_BYTES: usize = 1 << 20;
+/// What is looked for, how it may be written, and the option that names its topic.
+const SCANS: [&str; 3] = ["scans", CLOUDS, "--topic"];
+/// Transforms by ROS' custom: those that change, and those that do not.
+const TF: [&str; 2] = ["/tf", "/tf_static"];
 
 /// The recording that `input` is, or the only one in a folder, as rosbag2 makes them.
 pub(crate) fn within(input: &Path, ending: &str) -> Option<PathBuf> {
@@ -42,23 +47,33 @@ pub(crate) struct Recording {
     sequence: u64,
     /// By the times at which messages were recorded.
     rounds: Rounds,
+    /// Where poses come from, and what they said.
+    motion: Option<(String, Odometry)>,
 }
 
 impl Recording {
     pub(crate) fn open(path: &Path, layout: &Layout) -> anyhow::Result<Recording> {
         let about = || format!("input {}", path.display());
         let summary = summary(path)?;
-        let (topic, channels) = choose(&summary, layout.topic.as_deref()).with_context(about)?;
+        let (topic, channels) = choose(
+            &summary,
+            layout.topic.as_deref(),
+            |c| cloud(c).is_some(),
+            SCANS,
+        )
+        .with_context(about)?;
         for found in summary.chunk_indexes.iter().map(|chunk| &chunk.compression) {
             if !["", "lz4", "zstd"].contains(&found.as_str()) {
                 let place = "compression of a chunk";
                 return refused(place, "none, lz4 or zstd", found).with_context(about);
             }
         }
+        let motion = layout.deskew.then(|| motion(&summary, layout)).transpose();
+        let motion = motion.with_context(about)?;
         let counts = summary.stats.map(|stats| stats.channel_message_counts);
         let count = counts.filter(|counts| !counts.is_empty());
         let count = count.map(|counts| channels.iter().filter_map(|id| counts.get(id)).sum());
-        tracing::info!(topic, scans = count, "recording");
+        tracing::info!(topic, scans = count, poses = motion, "recording");
         Ok(Recording {
             path: path.to_path_buf(),
             layout: layout.clone(),
@@ -67,6 +82,7 @@ impl Recording {
             count,
             sequence: 0,
             rounds: Rounds::default(),
+            motion: motion.map(|topic| (topic, Odometry::new(layout))),
         })
     }
 
@@ -90,12 +106,24 @@ impl Recording {
                     let offset_ns = self.rounds.offset_ns(message.log_time);
                     self.sequence += 1;
                     if self.sequence > sequence {
-                        scan.take_cloud(cloud, &self.layout, &message.data, message.log_time);
+                        let (data, ns) = (&message.data, message.log_time);
+                        let frame = scan.take_cloud(cloud, &self.layout, data, ns);
+                        if let Some((_, odometry)) = &mut self.motion {
+                            odometry.correct(scan, &frame);
+                        }
                         (scan.name, scan.offset_ns) = (numbered(sequence), Some(offset_ns));
                         return Ok(Next::Scan);
                     }
                 }
-                Some(_) => {}
+                Some(message) => {
+                    let (topic, schema) = (&message.channel.topic, schema(&message.channel));
+                    if let Some((poses, odometry)) = &mut self.motion
+                        && (*topic == *poses || topic == TF[1])
+                        && is_motion(&message.channel)
+                    {
+                        odometry.take(schema, topic == TF[1], &message.data);
+                    }
+                }
                 None if !repeat || !self.rounds.next_round() => return Ok(Next::End),
                 None => self.messages = messages(&self.path)?,
             }
@@ -154,24 +182,31 @@ impl Recorded {
 
 impl Scan {
     /// Takes a `sensor_msgs/PointCloud2` in CDR. One that makes no sense is said, and is an empty scan with the flag `damaged_input`. `received_ns`
-    /// stands in for a stamp of 0.
-    pub fn take_point_cloud2(&mut self, layout: &Layout, message: &[u8], received_ns: u64) {
-        self.take_cloud(Cloud::Ros2, layout, message, received_ns);
+    /// stands in for a stamp of 0. Gives the frame of the points.
+    pub fn take_point_cloud2(
+        &mut self,
+        layout: &Layout,
+        message: &[u8],
+        received_ns: u64,
+    ) -> String {
+        self.take_cloud(Cloud::Ros2, layout, message, received_ns)
     }
 
-    fn take_cloud(&mut self, cloud: Cloud, layout: &Layout, message: &[u8], received_ns: u64) {
+    fn take_cloud(&mut self, cloud: Cloud, layout: &Layout, message: &[u8], ns: u64) -> String {
         self.bytes.clear();
-        let found = cloud.convert(layout, message, &mut self.bytes);
-        let (stamp_ns, is_damaged) = found.unwrap_or_else(|error| {
+        self.times_ns.clear();
+        let found = cloud.convert(layout, message, self);
+        let (stamp_ns, is_damaged, frame) = found.unwrap_or_else(|error| {
             tracing::warn!("cannot read a message, an empty frame takes its place: {error}");
             self.bytes.clear();
-            (0, true)
+            (0, true, String::new())
         });
         let damaged = is_damaged.then_some(Flags::DAMAGED_INPUT);
         self.flags = damaged.unwrap_or_default();
         let stamp_ns = Some(stamp_ns).filter(|stamp_ns| *stamp_ns > 0);
-        self.stamp_ns = stamp_ns.or(Some(received_ns));
+        self.stamp_ns = stamp_ns.or(Some(ns));
         self.pose = None;
+        frame
     }
 }
 
@@ -191,12 +226,17 @@ fn cloud(channel: &Channel) -> Option<Cloud> {
     Cloud::of(schema(channel), &channel.message_encoding)
 }
 
-/// The topic asked for, or the only one that has scans, and its channels.
-fn choose(summary: &Summary, wanted: Option<&str>) -> Result<(String, Vec<u16>), SourceError> {
+/// The topic asked for, or the only one that has what is taken, and its channels. `what`: that, its kinds, and the option that names the topic.
+fn choose(
+    summary: &Summary,
+    wanted: Option<&str>,
+    is_taken: impl Fn(&Channel) -> bool,
+    [what, kinds, option]: [&str; 3],
+) -> Result<(String, Vec<u16>), SourceError> {
     let (mut found, mut others) = (BTreeMap::<_, Vec<u16>>::new(), BTreeSet::new());
     for (id, channel) in &summary.channels {
         let (topic, encoding) = (channel.topic.clone(), &channel.message_encoding);
-        if wanted.is_none_or(|wanted| wanted == topic) && cloud(channel).is_some() {
+        if wanted.is_none_or(|wanted| wanted == topic) && is_taken(channel) {
             found.entry(topic).or_default().push(*id);
         } else {
             others.insert(format!("{topic} ({}, {encoding})", schema(channel)));
@@ -204,14 +244,42 @@ fn choose(summary: &Summary, wanted: Option<&str>) -> Result<(String, Vec<u16>),
     }
     if found.len() > 1 {
         let topics = found.into_keys().collect::<Vec<_>>().join(", ");
-        let expected = "one, or which of them with --topic";
-        return refused("topics of scans", expected, topics);
+        let expected = format!("one, or which of them with {option}");
+        return refused(format!("topics of {what}"), expected, topics);
     }
-    let expected = format!("{} of {CLOUDS}", wanted.unwrap_or("a topic"));
+    let expected = format!("{} of {kinds}", wanted.unwrap_or("a topic"));
     let others = || Vec::from_iter(others).join(", ");
     found
         .pop_first()
-        .ok_or_else(|| SourceError::field("topic", expected, others()))
+        .ok_or_else(|| SourceError::field(format!("topic of {what}"), expected, others()))
+}
+
+fn is_motion(channel: &Channel) -> bool {
+    POSES.contains(&schema(channel)) && channel.message_encoding == "cdr"
+}
+
+/// The topic of poses that is asked for, or `/tf`, or the only other one.
+fn motion(summary: &Summary, layout: &Layout) -> Result<String, SourceError> {
+    if layout.axes != Layout::default().axes {
+        // Poses are those of the frame that the messages name.
+        return refused("deskew: axes", "x,y,z", &layout.axes);
+    }
+    let has = |topic: &str| {
+        summary
+            .channels
+            .values()
+            .any(|c| c.topic == topic && is_motion(c))
+    };
+    let wanted = layout.odometry.as_deref();
+    let wanted = wanted.or(has(TF[0]).then_some(TF[0]));
+    let is_taken = |channel: &Channel| channel.topic != TF[1] && is_motion(channel);
+    let found = choose(
+        summary,
+        wanted,
+        is_taken,
+        ["poses", &POSES.join(", "), "--odometry"],
+    );
+    found.map(|(topic, _)| topic)
 }
 
 /// Errors: it is no MCAP file, or has no summary.

@@ -87,6 +87,59 @@ fn scans_come_as_they_were_recorded_round_after_round() {
 }
 
 #[test]
+fn points_are_corrected_by_whatever_tells_of_motion() {
+    let load_with = |odometry: Option<&str>, name: &str| {
+        let layout = Layout {
+            deskew: true,
+            odometry: odometry.map(str::to_string),
+            ..Layout::default()
+        };
+        Source::open(&recording(name), &layout, false).map_err(|error| format!("{error:#}"))
+    };
+    for odometry in [None, Some("/odom"), Some("/pose")] {
+        let mut source = load_with(odometry, "moving.mcap").unwrap();
+        for sequence in 0..2 {
+            let mut scan = Scan::default();
+            assert_eq!(load(&mut source, sequence, &mut scan), Next::Scan);
+            let numbers = scan
+                .bytes
+                .as_chunks()
+                .0
+                .iter()
+                .map(|v| f32::from_le_bytes(*v));
+            let numbers: Vec<f32> = numbers.collect();
+            for (number, [x, y, z, _]) in numbers.as_chunks::<4>().0.iter().enumerate() {
+                // The sensor looks to the robot's left: what is ahead of the robot lies to its right.
+                let off = [x - 10.0, y + 0.1 * number as f32, z + 1.0];
+                assert!(
+                    off.iter().all(|off| off.abs() < 2e-3),
+                    "{odometry:?} {number}: {off:?}"
+                );
+            }
+            assert_eq!((numbers.len(), scan.flags), (44, Flags::default()));
+            let [x, y, z] = scan.pose.unwrap().position_m;
+            let off = [x - 1.0 - sequence as f64, y, z - 0.5];
+            assert!(off.iter().all(|off| off.abs() < 1e-9), "{off:?}");
+        }
+    }
+    for (odometry, name, words) in [
+        (
+            Some("/points"),
+            "moving.mcap",
+            "topic of poses: expected /points of nav_msgs/msg/Odometry",
+        ),
+        (
+            None,
+            "lz4.mcap",
+            "topic of poses: expected a topic of nav_msgs",
+        ),
+    ] {
+        let error = load_with(odometry, name).err().unwrap();
+        assert!(error.contains(words), "{error}");
+    }
+}
+
+#[test]
 fn what_cannot_be_taken_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("log.mcap");
@@ -107,7 +160,7 @@ fn what_cannot_be_taken_is_named() {
         (
             &whole,
             Some("/b"),
-            "topic: expected /b of sensor_msgs/PointCloud2 (cdr, ros1) or foxglove",
+            "topic of scans: expected /b of sensor_msgs/PointCloud2 (cdr, ros1) or foxglove",
         ),
         (
             &whole[..whole.len() - 100],

@@ -5,7 +5,7 @@ use prost::Message;
 
 use super::Layout;
 use super::table::{Column, Kind, Table};
-use crate::SourceError;
+use crate::{Scan, SourceError};
 
 /// How a message holds its points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +23,7 @@ pub(crate) const CLOUDS: &str =
 #[derive(Default)]
 struct PointCloud2<'a> {
     stamp_ns: u64,
+    frame: String,
     height: usize,
     width: usize,
     /// Name, offset in a point (bytes), datatype.
@@ -44,16 +45,16 @@ impl Cloud {
         }
     }
 
-    /// Appends a message's points to `out`, four little-endian f32 each as [`Layout::write`] does. Gives the sensor's time (ns since 1970; 0: not
-    /// told) and whether the message ends before what it promises.
+    /// Appends a message's points to the scan's, as [`Layout::write`] does. Gives the sensor's time (ns since 1970; 0: not told), whether the message
+    /// ends before what it promises, and the frame of the points.
     pub(crate) fn convert(
         self,
         layout: &Layout,
         message: &[u8],
-        out: &mut Vec<u8>,
-    ) -> Result<(u64, bool), SourceError> {
+        scan: &mut Scan,
+    ) -> Result<(u64, bool, String), SourceError> {
         let foxglove: Foxglove;
-        let cloud = if self == Cloud::Foxglove {
+        let mut cloud = if self == Cloud::Foxglove {
             let decoded = Foxglove::decode(message);
             foxglove =
                 decoded.map_err(|e| SourceError::field("message", "foxglove.PointCloud", e))?;
@@ -62,7 +63,8 @@ impl Cloud {
             let cloud = Reader::of(self, message).and_then(Reader::cloud);
             cloud.ok_or_else(|| SourceError::field("message", "PointCloud2", "its end"))?
         };
-        Ok((cloud.stamp_ns, layout.write(&cloud.table()?, out)?))
+        let (stamp_ns, frame) = (cloud.stamp_ns, std::mem::take(&mut cloud.frame));
+        Ok((stamp_ns, layout.write(&cloud.table()?, scan)?, frame))
     }
 }
 
@@ -105,7 +107,7 @@ impl PointCloud2<'_> {
 }
 
 /// What is left of a ROS message; `None`: it ends too early.
-struct Reader<'a> {
+pub(crate) struct Reader<'a> {
     all: &'a [u8],
     at: usize,
     /// Numbers lie at multiples of it.
@@ -114,7 +116,7 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    fn of(kind: Cloud, message: &'a [u8]) -> Option<Reader<'a>> {
+    pub(crate) fn of(kind: Cloud, message: &'a [u8]) -> Option<Reader<'a>> {
         // CDR begins with four bytes of which the second tells the order of bytes; ROS 1 with a sequence number.
         let (head, all) = message.split_at_checked(4)?;
         let is_cdr = kind == Cloud::Ros2;
@@ -134,7 +136,7 @@ impl<'a> Reader<'a> {
         Some(bytes)
     }
 
-    fn number(&mut self) -> Option<usize> {
+    pub(crate) fn number(&mut self) -> Option<usize> {
         self.at = self.at.next_multiple_of(self.align);
         let raw = self.bytes(4)?.try_into().ok()?;
         let number = u32::from_le_bytes(raw);
@@ -146,20 +148,37 @@ impl<'a> Reader<'a> {
         } as usize)
     }
 
-    fn text(&mut self) -> Option<String> {
+    pub(crate) fn float(&mut self) -> Option<f64> {
+        self.at = self.at.next_multiple_of(2 * self.align);
+        let raw = self.bytes(8)?.try_into().ok()?;
+        let bits = u64::from_le_bytes(raw);
+        let is_swapped = self.is_big_endian;
+        Some(f64::from_bits(if is_swapped {
+            bits.swap_bytes()
+        } else {
+            bits
+        }))
+    }
+
+    /// Time (ns since 1970) and frame of reference.
+    pub(crate) fn header(&mut self) -> Option<(u64, String)> {
+        let (seconds, ns) = (self.number()? as u64, self.number()? as u64);
+        Some((seconds * 1_000_000_000 + ns, self.text()?))
+    }
+
+    pub(crate) fn text(&mut self) -> Option<String> {
         let count = self.number()?;
         let text = String::from_utf8_lossy(self.bytes(count)?);
         Some(text.trim_end_matches('\0').to_string())
     }
 
     fn cloud(mut self) -> Option<PointCloud2<'a>> {
-        let (seconds, ns) = (self.number()? as u64, self.number()? as u64);
+        let (stamp_ns, frame) = self.header()?;
         let mut cloud = PointCloud2 {
-            stamp_ns: seconds * 1_000_000_000 + ns,
+            stamp_ns,
+            frame,
             ..PointCloud2::default()
         };
-        // The frame of reference.
-        self.text()?;
         (cloud.height, cloud.width) = (self.number()?, self.number()?);
         for _ in 0..self.number()? {
             let field = (self.text()?, self.number()?, self.bytes(1)?[0].into());
@@ -181,6 +200,8 @@ impl<'a> Reader<'a> {
 struct Foxglove {
     #[prost(message, tag = "1")]
     timestamp: Option<Timestamp>,
+    #[prost(string, tag = "2")]
+    frame_id: String,
     #[prost(fixed32, tag = "4")]
     point_stride: u32,
     #[prost(message, repeated, tag = "5")]
@@ -222,6 +243,7 @@ impl Foxglove {
         }
         PointCloud2 {
             stamp_ns: u64::try_from(ns).unwrap_or(0),
+            frame: self.frame_id.clone(),
             height: 1,
             width: self.data.len().div_ceil(self.point_stride.max(1) as usize),
             fields,

@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use super::table::Table;
-use crate::{SourceError, refused};
+use super::table::{Kind, Table};
+use crate::{Scan, SourceError, refused};
 
 /// Rows that are read: more than any scan holds, and bounded where a file promises more.
-const ROWS_MAX: usize = 4 << 20;
+pub(super) const ROWS_MAX: usize = 4 << 20;
 
 /// Names that intensity goes by, the usual one first.
 const INTENSITIES: [&str; 5] = [
@@ -19,6 +19,11 @@ const INTENSITIES: [&str; 5] = [
     "i",
 ];
 
+/// Names that a point's time goes by.
+const TIMES: [&str; 5] = ["t", "time", "timestamp", "time_stamp", "offset_time"];
+/// More is nanoseconds where a time may be seconds.
+const SECONDS_MAX: f64 = 1e12;
+
 /// `[layout]`: how to read files of points; the default is KITTI's way where the file itself says nothing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -26,6 +31,8 @@ pub struct Layout {
     /// Names of the columns of a `.bin` or `.npy` file, which has none; empty: x, y, z, intensity, and a ring where there are five. Others than x, y, z
     /// and intensity are left out.
     pub columns: Vec<String>,
+    /// Where the sensor is in the file's coordinates.
+    pub origin: [f64; 3],
     /// Metres a unit of the coordinates.
     pub scale: f64,
     /// What an intensity is multiplied by, so that it is 0 to 1.
@@ -36,17 +43,28 @@ pub struct Layout {
     pub calibration: Option<PathBuf>,
     /// Of a recording, the topic of the scans; unset: the only one that has some.
     pub topic: Option<String>,
+    /// Move points to where they are at the scan's stamp, by their times and the sensor's motion.
+    pub deskew: bool,
+    /// Topic of the motion, in a recording or of ROS 2.
+    pub odometry: Option<String>,
+    /// Pose of the sensor in the frame whose motion the odometry tells, as in `[sensor]`.
+    #[serde(skip)]
+    pub base_from_sensor: [f64; 6],
 }
 
 impl Default for Layout {
     fn default() -> Layout {
         Layout {
             columns: vec![],
+            origin: [0.0; 3],
             scale: 1.0,
             intensity_scale: 1.0,
             axes: "x,y,z".to_string(),
             calibration: None,
             topic: None,
+            deskew: false,
+            odometry: None,
+            base_from_sensor: [0.0; 6],
         }
     }
 }
@@ -62,6 +80,13 @@ impl Layout {
             if !(1e-9..=1e9).contains(&value) {
                 return refused(key, "1e-9 to 1e9", value);
             }
+        }
+        if !self.origin.iter().all(|v| v.is_finite()) {
+            return refused(
+                "origin",
+                "three finite numbers",
+                format!("{:?}", self.origin),
+            );
         }
         let is_missing = |axis: &&str| !self.columns.iter().any(|name| name == axis);
         let missing = ["x", "y", "z"].into_iter().find(is_missing);
@@ -116,8 +141,9 @@ impl Layout {
         move |point| axes.map(|(place, sign)| point[place] * sign as f32)
     }
 
-    /// Writes the table's points as x, y, z (m), intensity, four little-endian f32 each; true if it holds fewer rows than it promises.
-    pub(super) fn write(&self, table: &Table, out: &mut Vec<u8>) -> Result<bool, SourceError> {
+    /// Appends the table's points to the scan as x, y, z (m), intensity, four little-endian f32 each, and their times if they are asked for; true if it holds
+    /// fewer rows than it promises.
+    pub(super) fn write(&self, table: &Table, scan: &mut Scan) -> Result<bool, SourceError> {
         let axes = self.signed_axes()?;
         let names = table.columns.iter().map(|column| &*column.name);
         let has = || names.clone().collect::<Vec<_>>().join(", ");
@@ -126,18 +152,28 @@ impl Layout {
                 .column(&[name])
                 .ok_or_else(|| SourceError::field("fields", format!("one named {name}"), has()))
         };
-        let coordinates = [column("x")?, column("y")?, column("z")?];
         let intensity = table.column(&INTENSITIES);
+        let time = table.column(&TIMES).filter(|_| self.deskew);
+        let coordinates = [column("x")?, column("y")?, column("z")?];
+        let [x, y, z] = coordinates.map(Some);
         for row in 0..table.rows.min(ROWS_MAX) {
             let value = |column| table.value(column, row);
-            let found = (coordinates.map(value), intensity.map_or(Some(0.0), value));
-            let ([Some(x), Some(y), Some(z)], Some(intensity)) = found else {
+            let found = [x, y, z, intensity, time].map(|column| column.map_or(Some(0.0), value));
+            let [Some(x), Some(y), Some(z), Some(intensity), Some(moment)] = found else {
                 return Ok(true);
             };
-            let [x, y, z] = axes.map(|(place, sign)| [x, y, z][place] * sign * self.scale);
+            if let Some(column) = time {
+                // Whole numbers are nanoseconds.
+                let is_float = matches!(column.kind, Kind::Float { .. });
+                let is_seconds = is_float && moment.abs() < SECONDS_MAX;
+                let unit_ns = if is_seconds { 1e9 } else { 1.0 };
+                scan.times_ns.push(moment * unit_ns);
+            }
+            let [x, y, z] = axes
+                .map(|(place, sign)| ([x, y, z][place] - self.origin[place]) * sign * self.scale);
             let numbers = [x, y, z, intensity * self.intensity_scale];
             let numbers = numbers.map(|number| (number as f32).to_le_bytes());
-            out.extend_from_slice(numbers.as_flattened());
+            scan.bytes.extend_from_slice(numbers.as_flattened());
         }
         Ok(false)
     }

@@ -1,7 +1,8 @@
-//! Files of one scan each: KITTI's and nuScenes' `.bin`, NumPy's `.npy`, PCD, PLY. Each becomes KITTI's layout.
+//! Files of one scan each: KITTI's and nuScenes' `.bin`, NumPy's `.npy`, PCD, PLY, LAS. Each becomes KITTI's layout.
 
 mod bin;
 mod cloud;
+mod las;
 mod layout;
 mod npy;
 mod pcd;
@@ -15,10 +16,10 @@ use std::path::Path;
 use mluc_ipc_types::POINTS_MAX;
 
 pub(crate) use bin::check_columns;
-pub(crate) use cloud::{CLOUDS, Cloud};
+pub(crate) use cloud::{CLOUDS, Cloud, Reader};
 pub use layout::Layout;
 
-use crate::SourceError;
+use crate::{Scan, SourceError};
 
 /// How a file holds its points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -33,16 +34,19 @@ pub enum Format {
     Pcd,
     /// The polygon format's vertices: ascii, binary.
     Ply,
+    /// ASPRS' format of surveys, 1.0 to 1.4, not compressed.
+    Las,
 }
 
 impl Format {
     /// The endings that are known, the longest first.
-    pub const ENDINGS: [(&str, Format); 5] = [
+    pub const ENDINGS: [(&str, Format); 6] = [
         (".pcd.bin", Format::NuScenes),
         (".bin", Format::Bin),
         (".npy", Format::Npy),
         (".pcd", Format::Pcd),
         (".ply", Format::Ply),
+        (".las", Format::Las),
     ];
 
     /// By a file's name; `None`: none that is known.
@@ -54,11 +58,18 @@ impl Format {
         found.map(|(_, format)| *format)
     }
 
-    /// Turns a file's bytes into x, y, z (m, forward, left, up) and intensity, four little-endian f32 a point: KITTI's layout. True: the file
-    /// ends before what it promises. Errors: what in the file, or in `layout`, is not as expected.
-    pub fn convert(self, layout: &Layout, file: Vec<u8>) -> Result<(Vec<u8>, bool), SourceError> {
+    /// Turns a file's bytes into the scan's: x, y, z (m, forward, left, up) and intensity, four little-endian f32 a point, KITTI's layout; and into times, if
+    /// `layout` asks for them. True: the file ends before what it promises. Errors: what in the file, or in `layout`, is not as expected.
+    pub fn convert(
+        self,
+        layout: &Layout,
+        file: Vec<u8>,
+        scan: &mut Scan,
+    ) -> Result<bool, SourceError> {
+        scan.times_ns.clear();
         if self == Format::Bin && *layout == Layout::default() {
-            return Ok((file, false));
+            scan.bytes = file;
+            return Ok(false);
         }
         let table = match self {
             Format::Bin => bin::table(file, layout, 4)?,
@@ -66,13 +77,15 @@ impl Format {
             Format::Npy => npy::table(&file, layout)?,
             Format::Pcd => pcd::table(&file)?,
             Format::Ply => ply::table(&file)?,
+            Format::Las => las::table(&file, layout)?,
         };
         let mut layout = layout.clone();
-        if self == Format::NuScenes {
-            layout.intensity_scale /= 255.0;
+        match self {
+            Format::NuScenes => layout.intensity_scale /= 255.0,
+            Format::Las => layout.intensity_scale /= f64::from(u16::MAX),
+            _ => {}
         }
-        let mut out = Vec::with_capacity(table.rows.min(POINTS_MAX) * 16);
-        let is_cut = layout.write(&table, &mut out)?;
-        Ok((out, is_cut))
+        scan.bytes = Vec::with_capacity(table.rows.min(POINTS_MAX) * 16);
+        layout.write(&table, scan)
     }
 }

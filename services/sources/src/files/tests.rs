@@ -15,6 +15,16 @@ fn bytes(points: &[[f32; 4]]) -> Vec<u8> {
         .collect()
 }
 
+fn converted(
+    format: Format,
+    layout: &Layout,
+    file: Vec<u8>,
+) -> Result<(Vec<u8>, bool), SourceError> {
+    let mut scan = Scan::default();
+    let is_cut = format.convert(layout, file, &mut scan)?;
+    Ok((scan.bytes, is_cut))
+}
+
 /// The same points with a field between, as rows of f32 x, u16 ring, f64 y, f32 z, u8 intensity * 4.
 fn rows(is_big_endian: bool) -> Vec<u8> {
     let mut out = vec![];
@@ -132,7 +142,7 @@ fn the_same_points_come_from_every_format() {
         (Ply, quarter(), ply("binary_big_endian", &rows(true))),
     ];
     for (number, (format, layout, file)) in cases.into_iter().enumerate() {
-        let found = format.convert(&layout, file).unwrap();
+        let found = converted(format, &layout, file).unwrap();
         assert_eq!(found, (bytes(&POINTS), false), "case {number}, {format:?}");
     }
 }
@@ -144,9 +154,8 @@ fn units_and_axes_are_turned() {
         axes: "y,-x,z".to_string(),
         ..Layout::default()
     };
-    let (out, _) = Bin
-        .convert(&layout, bytes(&[[1000.0, 2000.0, 3000.0, 0.5]]))
-        .unwrap();
+    let file = bytes(&[[1000.0, 2000.0, 3000.0, 0.5]]);
+    let (out, _) = converted(Bin, &layout, file).unwrap();
     assert_eq!(out, bytes(&[[2.0, -1.0, 3.0, 0.5]]));
 }
 
@@ -162,7 +171,7 @@ fn a_cut_file_gives_its_whole_points_and_says_so() {
         (NuScenes, vec![0; 60]),
     ];
     for (format, file) in cases {
-        let (out, is_cut) = format.convert(&quarter(), cut(file)).unwrap();
+        let (out, is_cut) = converted(format, &quarter(), cut(file)).unwrap();
         assert_eq!((out.len(), is_cut), (32, true), "{format:?}");
     }
 }
@@ -244,10 +253,8 @@ fn files_that_do_not_fit_are_named() {
             "shape: expected N rows and 3 to 64 columns, found [3, 2]",
         ),
     ] {
-        let error = format
-            .convert(&Layout::default(), file)
-            .unwrap_err()
-            .to_string();
+        let error = converted(format, &Layout::default(), file);
+        let error = error.unwrap_err().to_string();
         assert!(error.contains(words), "{words}: {error}");
     }
 }

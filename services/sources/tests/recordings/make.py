@@ -124,3 +124,75 @@ with open("ros2.mcap", "wb") as file:
     for number, time_ns in enumerate(TIMES_NS):
         writer.write_message("/points", schema, ros2(), time_ns, time_ns, number)
     writer.finish()
+
+
+# A sensor that is turned by 90 degrees on a robot that drives ahead at 10 m/s: ten points 10 m before it, 10 ms apart, from the stamp on.
+HEADER = "std_msgs/Header header\n"
+TYPES = """================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+================================================================================
+MSG: geometry_msgs/Pose
+geometry_msgs/Vector3 position
+geometry_msgs/Quaternion orientation
+================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+================================================================================
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+================================================================================
+MSG: geometry_msgs/PoseWithCovariance
+geometry_msgs/Pose pose
+float64[36] covariance
+================================================================================
+MSG: geometry_msgs/Transform
+geometry_msgs/Vector3 translation
+geometry_msgs/Quaternion rotation
+================================================================================
+MSG: geometry_msgs/TransformStamped
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/Transform transform
+"""
+with open("moving.mcap", "wb") as file:
+    writer = RosWriter(file)
+    cloud = writer.register_msgdef("sensor_msgs/msg/PointCloud2", DEFINITION)
+    odometry = writer.register_msgdef("nav_msgs/msg/Odometry", HEADER + "string child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n" + TYPES)
+    pose = writer.register_msgdef("geometry_msgs/msg/PoseStamped", HEADER + "geometry_msgs/Pose pose\n" + TYPES)
+    tf = writer.register_msgdef("tf2_msgs/msg/TFMessage", "geometry_msgs/TransformStamped[] transforms\n" + TYPES)
+
+    def send(topic, schema, time_ms, message):
+        writer.write_message(topic, schema, message, time_ms * 1_000_000, time_ms * 1_000_000)
+
+    def header(time_ms, frame):
+        return dict(stamp=dict(sec=time_ms // 1000, nanosec=time_ms % 1000 * 1_000_000), frame_id=frame)
+
+    def transform(time_ms, parent, child, x, z, rotation):
+        return dict(header=header(time_ms, parent), child_frame_id=child, transform=dict(translation=dict(x=x, y=0.0, z=z), rotation=rotation))
+
+    ahead, left = dict(x=0.0, y=0.0, z=0.0, w=1.0), dict(x=0.0, y=0.0, z=0.5**0.5, w=0.5**0.5)
+    mount = transform(5000, "base_link", "lidar", 1.0, 0.5, left)
+    send("/tf_static", tf, 5000, dict(transforms=[mount]))
+    data = b"".join(struct.pack("<fffI", 10.0, 0.0, -1.0, i * 10_000_000) for i in range(11))
+    fields = [dict(name=n, offset=4 * i, datatype=7 if i < 3 else 6, count=1) for i, n in enumerate("xyzt")]
+    for time_ms in range(5000, 5300, 50):
+        x = 0.01 * (time_ms - 5000)
+        where = dict(position=dict(x=x, y=0.0, z=0.0), orientation=ahead)
+        send("/odom", odometry, time_ms, dict(header=header(time_ms, "odom"), child_frame_id="base_link", pose=dict(pose=where, covariance=[0.0] * 36)))
+        send("/pose", pose, time_ms, dict(header=header(time_ms, "map"), pose=where))
+        send("/tf", tf, time_ms, dict(transforms=[transform(time_ms, "odom", "base_link", x, 0.0, ahead)]))
+        # A turn is sent when it is over.
+        if time_ms in (5100, 5200):
+            send("/points", cloud, time_ms, dict(header=header(time_ms - 100, "lidar"), height=1, width=11, fields=fields, is_bigendian=False, point_step=16, row_step=176, data=data, is_dense=True))
+    writer.finish()
