@@ -1,4 +1,4 @@
-//! `mluc monitor` and `mluc status` beside a running pipeline.
+//! `mluc monitor` and `mluc top` beside a running pipeline.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -92,13 +92,21 @@ fn a_monitor_tells_how_the_pipeline_is_and_never_stops_it() {
 }
 
 #[test]
-fn status_prints_a_page() {
-    let setting = Setting::new("status", 3);
+fn top_and_status_print_a_page_that_is_no_terminal() {
+    let setting = Setting::new("top", 3);
     let mut run = setting.up("--pace sensor --rate 10 --loop");
     run.wait_for_lines(3);
-    let status = Running::mluc(["status", "--instance", &setting.instance]).finish();
-    assert_eq!(status.code, Some(0), "{}", status.log);
+    let of = |command: &[&str]| {
+        let instance = ["--instance", &setting.instance];
+        let finished = Running::mluc(command.iter().chain(&instance)).finish();
+        assert_eq!(finished.code, Some(0), "{}", finished.log);
+        finished.text()
+    };
     let words = ["state: ", "newest result", "ingest", "refiner", "p99 ms"];
-    assert_has(&status.text(), &words);
+    let (top, status) = (of(&["top", "--once"]), of(&["status"]));
+    assert_has(&top, &words);
+    assert_has(&top, &["Hz", "#"]);
+    assert!(!top.contains('\x1b'), "{top}");
+    assert_has(&status, &words);
     setting.stop(run);
 }

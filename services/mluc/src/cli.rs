@@ -65,6 +65,15 @@ pub(crate) enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Show once a second how a running pipeline is: state, rates, latency by stage, drops, complaints.
+    Top {
+        /// Which pipeline.
+        #[arg(long, default_value = "default")]
+        instance: String,
+        /// One page, after a second of listening.
+        #[arg(long)]
+        once: bool,
+    },
     /// Tell over HTTP how a running pipeline is: /healthz, /readyz, /metrics (Prometheus), /status.json.
     Monitor {
         /// Which pipeline; it may be started later.

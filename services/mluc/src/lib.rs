@@ -78,6 +78,7 @@ pub fn main(has_stdout: bool) -> ExitCode {
         Command::Stage(args) => stages::run(args, None).map(|()| ExitCode::SUCCESS),
         Command::Config { print, pipeline } => commands::config(print, pipeline),
         Command::Status { instance, json } => commands::status(&instance, json),
+        Command::Top { instance, once } => commands::top(&instance, once),
         Command::Monitor { instance, listen } => commands::monitor(&instance, listen),
         Command::Reload { instance } => commands::reload(&instance),
         Command::Doctor(args) => commands::doctor(&args, None),

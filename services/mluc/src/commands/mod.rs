@@ -7,6 +7,7 @@ mod monitor;
 mod observe;
 mod replay;
 mod status;
+mod top;
 mod up;
 
 use std::os::unix::process::CommandExt;
@@ -28,6 +29,7 @@ pub use doctor::doctor;
 pub(crate) use monitor::{loopback, monitor};
 pub(crate) use replay::replay;
 pub(crate) use status::status;
+pub(crate) use top::top;
 pub(crate) use up::up;
 
 /// `mluc config`: the settings of a run, without the run.

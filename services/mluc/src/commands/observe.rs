@@ -1,4 +1,4 @@
-//! A pipeline as its consumers see it: what `status` and `monitor` show.
+//! A pipeline as its consumers see it: what `status`, `top` and `monitor` show.
 
 pub(super) use mluc_gateway::lines::{counted, health_state as state};
 use mluc_gateway::lines::{stage_words, status_words};

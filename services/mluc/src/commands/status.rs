@@ -11,7 +11,7 @@ use super::observe::{Observer, Snapshot, counted, instance, state};
 use crate::terminal::print_out;
 
 /// Three heartbeats.
-const LISTEN: Duration = Duration::from_millis(350);
+pub(super) const LISTEN: Duration = Duration::from_millis(350);
 
 pub(crate) fn status(name: &str, is_json: bool) -> anyhow::Result<ExitCode> {
     log_to_stderr("status", "warn");
@@ -46,10 +46,10 @@ fn print(snapshot: &Snapshot) -> anyhow::Result<()> {
 }
 
 /// Over the columns of [`row`].
-const HEAD: &str =
+pub(super) const HEAD: &str =
     "stage     process  state                in      out  dropped  refused    p50 ms    p99 ms";
 
-fn row(stage: Stage, health: Option<&Health>) -> String {
+pub(super) fn row(stage: Stage, health: Option<&Health>) -> String {
     let Some(health) = health else {
         return format!("{:9} {:8} {:14}", stage.name(), "-", "silent");
     };
