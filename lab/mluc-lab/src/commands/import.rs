@@ -12,7 +12,8 @@ use super::terminal::{print_err, write_out};
 /// Turn a checkpoint of OpenPCDet's SECOND into a model file with its closed-set head.
 ///
 /// The checkpoint is a safetensors file: tools/checkpoint_to_safetensors.py makes it of a PyTorch file. Weights of spconv
-/// 1 and 2 are read. The network must be SECOND on KITTI's range (second.yaml); its classes and anchors are not in the checkpoint: name the classes in the order of its configuration.
+/// 1 and 2 are read; what `mluc-lab export` wrote comes back as it was. The network must be SECOND on KITTI's range
+/// (second.yaml); its classes and anchors are not in the checkpoint: name the classes in the order of its configuration.
 #[derive(Args)]
 pub(crate) struct ImportArguments {
     /// The checkpoint.

@@ -3,6 +3,7 @@
 mod adapt;
 mod audit;
 mod evaluate;
+mod export;
 mod import;
 mod quantize;
 mod render;
@@ -20,6 +21,7 @@ pub(crate) enum Command {
     Adapt(adapt::AdaptArguments),
     Audit(audit::AuditArguments),
     Evaluate(evaluate::EvaluateArguments),
+    Export(export::ExportArguments),
     Import(import::ImportArguments),
     Quantize(quantize::QuantizeArguments),
     Render(render::RenderArguments),
@@ -35,6 +37,7 @@ pub(crate) fn run(command: Command) -> anyhow::Result<()> {
         Command::Adapt(arguments) => adapt::run(arguments),
         Command::Audit(arguments) => audit::run(arguments),
         Command::Evaluate(arguments) => evaluate::run(arguments),
+        Command::Export(arguments) => export::run(arguments),
         Command::Import(arguments) => import::run(arguments),
         Command::Quantize(arguments) => quantize::run(arguments),
         Command::Render(arguments) => render::run(arguments),

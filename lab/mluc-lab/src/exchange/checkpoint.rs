@@ -7,11 +7,19 @@ use half::{bf16, f16};
 use mluc_model::Tensor;
 use safetensors::tensor::{Dtype, SafeTensors};
 
+/// Metadata key of our manifest.
+pub(super) const MANIFEST_KEY: &str = "mluc";
 /// How PyTorch's files begin: a zip archive, or (before PyTorch 1.6) a pickle of protocol 2.
 const PYTORCH: [&[u8]; 2] = [b"PK\x03\x04", b"\x80\x02"];
 
-/// Weights by their names in the file. Counters and other integers are left out.
-pub(super) fn read(bytes: &[u8]) -> anyhow::Result<BTreeMap<String, Tensor>> {
+pub(super) struct Checkpoint {
+    /// Weights by their names in the file. Counters and other integers are left out.
+    pub(super) tensors: BTreeMap<String, Tensor>,
+    /// Our manifest, where `mluc-lab export` wrote the file.
+    pub(super) manifest: Option<String>,
+}
+
+pub(super) fn read(bytes: &[u8]) -> anyhow::Result<Checkpoint> {
     ensure!(
         !PYTORCH.iter().any(|head| bytes.starts_with(head)),
         "expected safetensors, found a PyTorch checkpoint; convert it with \
@@ -20,13 +28,17 @@ pub(super) fn read(bytes: &[u8]) -> anyhow::Result<BTreeMap<String, Tensor>> {
     let count = bytes.len();
     let damaged =
         || format!("expected safetensors, found {count} bytes that are none or are cut short");
+    let (_, header) = SafeTensors::read_metadata(bytes).with_context(damaged)?;
+    let metadata = header.metadata().as_ref();
+    let manifest = metadata.and_then(|metadata| metadata.get(MANIFEST_KEY).cloned());
     let file = SafeTensors::deserialize(bytes).with_context(damaged)?;
     let tensors = file.iter().filter_map(|(name, view)| {
         let data = numbers(view.data(), view.dtype())?;
         let shape = view.shape().to_vec();
         Some((name.to_owned(), Tensor { shape, data }))
     });
-    Ok(tensors.collect())
+    let tensors = tensors.collect();
+    Ok(Checkpoint { tensors, manifest })
 }
 
 /// Little-endian elements as f32; f64 is rounded. `None` for integers.

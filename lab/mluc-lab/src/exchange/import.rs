@@ -1,19 +1,17 @@
 //! A checkpoint as a model file with a closed-set head.
 
-use std::collections::BTreeMap;
-
 use anyhow::{Context, bail};
 use mluc_backbone::Backbone;
 use mluc_head::Head;
 use mluc_model::{AnchorClass, Grid, HeadKind, Manifest, Network, Tensor, WeightSet};
 
-use super::checkpoint;
-use super::names::tensor_names;
+use super::checkpoint::{self, Checkpoint};
+use super::names::{tensor_names, unchanged_names};
 
 /// A model that passes every check.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Imported {
-    /// Closed set.
+    /// Closed set, or that of an exported model.
     pub manifest: Manifest,
     /// Under our names.
     pub weights: WeightSet,
@@ -44,31 +42,43 @@ pub fn second(name: &str, classes: Vec<AnchorClass>) -> Manifest {
     manifest
 }
 
-/// Reads a checkpoint of SECOND.
+/// Reads a checkpoint of SECOND, or what [`super::export()`] wrote; the latter brings its own manifest, and `second` does
+/// not count.
 pub fn import(bytes: &[u8], second: Manifest) -> anyhow::Result<Imported> {
-    let mut imported = fill(second, checkpoint::read(bytes)?)?;
-    let (manifest, weights) = (&imported.manifest, &imported.weights);
-    let rows = Backbone::new(manifest, weights)?.empty_rows()?;
-    let empty_score = Head::new(manifest, weights)?.objectness_max(&rows);
-    imported.manifest.empty_objectness_max = empty_score;
-    // Refuses a network that sees things where nothing is.
-    Head::new(&imported.manifest, &imported.weights)?;
-    Ok(imported)
+    let checkpoint = checkpoint::read(bytes)?;
+    let Some(json) = &checkpoint.manifest else {
+        let mut imported = fill(second, checkpoint)?;
+        let (manifest, weights) = (&imported.manifest, &imported.weights);
+        let rows = Backbone::new(manifest, weights)?.empty_rows()?;
+        let empty_score = Head::new(manifest, weights)?.objectness_max(&rows);
+        imported.manifest.empty_objectness_max = empty_score;
+        // Refuses a network that sees things where nothing is.
+        Head::new(&imported.manifest, &imported.weights)?;
+        return Ok(imported);
+    };
+    let manifest = serde_json::from_str(json).context("the manifest in the file's metadata")?;
+    fill(manifest, checkpoint)
 }
 
-fn fill(manifest: Manifest, mut tensors: BTreeMap<String, Tensor>) -> anyhow::Result<Imported> {
+fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> anyhow::Result<Imported> {
     manifest.validate()?;
     let classes = manifest.network.classes;
     let mut found = vec![];
     for (ours, theirs, shape) in tensor_names(&manifest.network) {
-        let tensor = tensors.remove(&theirs).with_context(|| {
+        let tensor = checkpoint.tensors.remove(&theirs).with_context(|| {
             format!(
                 "tensor `{theirs}` of shape {shape:?} is missing: is the checkpoint of SECOND with {classes} classes?"
             )
         })?;
         found.push((ours, theirs, shape, tensor));
     }
-    let mut others = tensors.keys();
+    let mut weights = WeightSet::new();
+    for name in unchanged_names(&manifest.network) {
+        if let Some(kept) = checkpoint.tensors.remove(&name) {
+            weights.insert(name, kept.shape, kept.data);
+        }
+    }
+    let mut others = checkpoint.tensors.keys();
     if let Some(tensor) = others.next() {
         let others = match others.len() {
             0 => String::new(),
@@ -81,7 +91,6 @@ fn fill(manifest: Manifest, mut tensors: BTreeMap<String, Tensor>) -> anyhow::Re
         .filter_map(|(.., shape, tensor)| Some((five(shape)?, tensor.shape.clone())))
         .collect();
     let layout = SparseLayout::of(&sparse);
-    let mut weights = WeightSet::new();
     for (ours, theirs, shape, tensor) in found {
         let tensor = fitted(&theirs, &shape, tensor, layout)?;
         weights.insert(ours, tensor.shape, tensor.data);

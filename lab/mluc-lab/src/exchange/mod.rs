@@ -1,4 +1,5 @@
-//! Weights of others: checkpoints of OpenPCDet's SECOND become model files (`docs/weights.md` lists the names of its layers).
+//! Weights of others: checkpoints of OpenPCDet's SECOND become model files, and model files become safetensors with the
+//! names that OpenPCDet gives its layers (`docs/weights.md` lists them).
 //!
 //! A checkpoint comes as safetensors. PyTorch's own files hold a pickle, a program that may call anything:
 //! `tools/checkpoint_to_safetensors.py` converts them with PyTorch's restricted reader.
@@ -8,4 +9,33 @@ mod import;
 mod names;
 
 pub use import::{Imported, SparseLayout, anchor, import, second};
-pub use names::tensor_names;
+pub use names::{openpcdet_name, tensor_names};
+
+use std::collections::HashMap;
+
+use anyhow::Context;
+use mluc_model::{Model, WeightSet};
+
+use checkpoint::MANIFEST_KEY;
+use names::unchanged_names;
+
+/// The bytes of a model as such a file. Its metadata holds the manifest, so that [`import()`] gives the same model again, and
+/// `format: pt`, which PyTorch's readers of safetensors ask for.
+pub fn export(model: &Model) -> anyhow::Result<Vec<u8>> {
+    let mut renamed = WeightSet::new();
+    let network = &model.manifest.network;
+    for (ours, theirs, shape) in tensor_names(network) {
+        let data = model.weights.get(&ours, &shape)?.to_vec();
+        renamed.insert(theirs, shape, data);
+    }
+    for name in unchanged_names(network) {
+        if let Some(kept) = model.weights.find(&name) {
+            renamed.insert(name, kept.shape.clone(), kept.data.clone());
+        }
+    }
+    let manifest = serde_json::to_string(&model.manifest).context("the manifest")?;
+    let metadata = [(MANIFEST_KEY, manifest), ("format", "pt".to_owned())];
+    let metadata = HashMap::from(metadata.map(|(key, value)| (key.to_owned(), value)));
+    let file = safetensors::serialize(renamed.iter(), Some(metadata));
+    file.context("the safetensors cannot be made")
+}

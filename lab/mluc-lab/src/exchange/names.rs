@@ -3,9 +3,12 @@
 //! Its modules are lists of modules, so a name counts places: in a block of the bird's-eye part, padding, convolution,
 //! normalisation and ReLU of layer `i` stand at places 0, 1 + 3 i, 2 + 3 i and 3 + 3 i.
 
-use mluc_model::{Network, expected_tensors};
+use mluc_model::{
+    CLUSTER_SCORER, Network, calibrated_layers, calibration_tensor, expected_tensors,
+};
 
-fn openpcdet_name(ours: &str) -> String {
+/// OpenPCDet's name of one of our tensors; heads that it does not have are named alike.
+pub fn openpcdet_name(ours: &str) -> String {
     let (layer, part) = ours.rsplit_once('.').unwrap_or((ours, ""));
     let (layer, norm) = match layer.strip_suffix(".bn") {
         Some(layer) => (layer, 1),
@@ -24,6 +27,9 @@ fn openpcdet_name(ours: &str) -> String {
         "head.class" => "conv_cls",
         "head.box" => "conv_box",
         "head.direction" => "conv_dir_cls",
+        "head.objectness" => "conv_objectness",
+        "head.embedding" => "conv_embedding",
+        "head.unknown" => "conv_unknown",
         other => other,
     };
     format!("dense_head.{module}.{part}")
@@ -43,4 +49,11 @@ pub fn tensor_names(network: &Network) -> Vec<(String, String, Vec<usize>)> {
         (ours, theirs, shape)
     });
     named.collect()
+}
+
+/// Optional tensors that keep our names: calibration ranges and the scorer of clusters.
+pub(super) fn unchanged_names(network: &Network) -> impl Iterator<Item = String> {
+    let ranges = calibrated_layers(network).into_iter();
+    let ranges = ranges.map(|(level, _)| calibration_tensor(&level));
+    ranges.chain([CLUSTER_SCORER.to_owned()])
 }

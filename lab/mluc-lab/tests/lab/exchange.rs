@@ -1,8 +1,9 @@
-//! `mluc-lab import`: checkpoints of every layout give the same weights, and files that are damaged or of PyTorch are refused with what was expected.
+//! `mluc-lab import` and `export`: checkpoints of every layout give the same weights, exports come back bit by bit, and
+//! files that are damaged or of PyTorch are refused with what was expected.
 
 use crate::Folder;
-use mluc_lab::exchange::{self, SparseLayout, anchor, import, tensor_names};
-use mluc_model::{Manifest, Network, Tensor, WeightSet, formula_weights};
+use mluc_lab::exchange::{self, SparseLayout, anchor, export, import, tensor_names};
+use mluc_model::{Grid, Manifest, Model, Network, Tensor, WeightSet, formula_weights, model_bytes};
 use std::collections::BTreeMap;
 
 type Fallible<T = ()> = anyhow::Result<T>;
@@ -87,6 +88,29 @@ fn every_layout_gives_the_same_weights() -> Fallible {
         assert!(anchors.eq([("car", -1.78), ("pedestrian", -0.6), ("cyclist", -0.6)]));
         assert!(manifest.empty_objectness_max < 0.01);
     }
+    Ok(())
+}
+
+#[test]
+fn an_export_comes_back_bit_by_bit() -> Fallible {
+    let udi = Network::compact(Grid::udi(), 4).with_reach_of_trucks();
+    for network in [second(), Network::compact(Grid::kitti_compact(), 3), udi] {
+        let weights = formula_weights(&network);
+        let bytes = model_bytes(&Manifest::untrained("a name", network), &weights)?;
+        comes_back(&bytes)?;
+    }
+    // A file may have been written by an older version.
+    comes_back(include_bytes!(
+        "../../../../weights/paper/kitti.safetensors"
+    ))
+}
+
+/// The same model gives the same bytes.
+fn comes_back(bytes: &[u8]) -> Fallible {
+    let model = Model::from_bytes(bytes)?;
+    let imported = import(&export(&model)?, on_kitti())?;
+    let expected = model_bytes(&model.manifest, &model.weights)?;
+    assert!(model_bytes(&imported.manifest, &imported.weights)? == expected);
     Ok(())
 }
 
