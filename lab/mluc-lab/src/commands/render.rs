@@ -6,7 +6,7 @@ use clap::Args;
 use mluc_dataset::{Dataset, read_boxes, read_scan};
 use mluc_evaluate::SensorDetection;
 use mluc_evaluate::input::read_json_lines;
-use mluc_gateway::picture::{BoxKind, Canvas, DrawnBox, View, bird_eye};
+use mluc_gateway::picture::{BoxKind, Canvas, DrawnBox, View, bird_eye, perspective};
 use mluc_ipc_types::ObjectKind;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -14,7 +14,9 @@ use std::path::{Path, PathBuf};
 
 /// Most pictures of a sheet or an animation: they are held in memory.
 const PICTURES_MAX: usize = 256;
-/// Pixels a metre of a picture by itself, and of one among others.
+/// Width of a picture by itself, and of one among others, px.
+const WIDTHS_PX: [usize; 2] = [1280, 640];
+/// Pixels a metre of a picture from above, by itself and among others.
 const PX_PER_M: [f32; 2] = [10.0, 5.0];
 
 /// Draw scans as a PNG, with the boxes of their labels and of what was found.
@@ -35,6 +37,9 @@ pub(crate) struct RenderArguments {
     /// Show only what lies ahead, out to 70 m, instead of the full circle.
     #[arg(long)]
     ahead: bool,
+    /// Look from behind and above the sensor instead of straight down.
+    #[arg(long, conflicts_with = "ahead")]
+    perspective: bool,
     /// Show a folder as an animated PNG, each scan for so many ms, instead of a sheet.
     #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u16).range(1..))]
     animate: Option<u16>,
@@ -123,12 +128,16 @@ impl RenderArguments {
             });
         let mut boxes = self.labelled_boxes(scan)?;
         boxes.extend(found);
+        let size = usize::from(is_one_of_many);
+        if self.perspective {
+            return Ok(perspective(&points, &boxes, &title, WIDTHS_PX[size]));
+        }
         let mut view = if self.ahead {
             View::ahead()
         } else {
             View::around()
         };
-        (view.title, view.px_per_m) = (title, PX_PER_M[usize::from(is_one_of_many)]);
+        (view.title, view.px_per_m) = (title, PX_PER_M[size]);
         Ok(bird_eye(&points, &boxes, &view))
     }
 
@@ -213,6 +222,7 @@ mod tests {
             labels: (!labels.is_empty()).then(|| at(labels)),
             calib: Some(at("c.txt")),
             ahead: true,
+            perspective: false,
             animate: None,
             out: PathBuf::new(),
         };
@@ -241,10 +251,11 @@ mod tests {
             [16, 20].map(|at| u32::from_be_bytes(png[at..at + 4].try_into().expect("4")))
         };
         let mut folder = arguments("scans", "l.txt", "o.jsonl");
+        folder.perspective = true;
         let sheet = folder.picture().expect("a sheet");
         folder.animate = Some(100);
         let animation = folder.picture().expect("an animation");
-        assert_eq!([size(&sheet), size(&animation)], [[800, 362], [400, 362]]);
+        assert_eq!([size(&sheet), size(&animation)], [[1280, 360], [640, 360]]);
         assert!(animation.windows(4).any(|word| word == b"acTL"));
         let error = arguments("scans", "", "other.jsonl").picture();
         let error = error.expect_err("no frame is a scan's").to_string();

@@ -6,7 +6,7 @@ use super::legend::draw_legend;
 use super::view::{BoxKind, DrawnBox, NIGHT, RING, View, color_of, ramp};
 
 /// Heights at the ends of the ramp, m above the sensor.
-const RAMP_M: [f32; 2] = [-2.2, 1.2];
+pub(super) const RAMP_M: [f32; 2] = [-2.2, 1.2];
 
 /// Draws a scan from above. Points that are not finite or lie outside the view are left out.
 pub fn bird_eye(points: &[[f32; 4]], boxes: &[DrawnBox], view: &View) -> Canvas {
@@ -48,13 +48,16 @@ fn draw_points(canvas: &mut Canvas, points: &[[f32; 4]], view: &View) {
         if !(view.x_m[0]..view.x_m[1]).contains(&x) || !(view.y_m[0]..view.y_m[1]).contains(&y) {
             continue;
         }
-        let color = ramp((z - RAMP_M[0]) / (RAMP_M[1] - RAMP_M[0]));
-        splat(canvas, view.at(x, y), color);
+        splat(canvas, view.at(x, y), color_of_height(z));
     }
 }
 
+pub(super) fn color_of_height(z_m: f32) -> Color {
+    ramp((z_m - RAMP_M[0]) / (RAMP_M[1] - RAMP_M[0]))
+}
+
 /// A soft dot of about one and a half pixels, spread over four.
-fn splat(canvas: &mut Canvas, at: [f32; 2], color: Color) {
+pub(super) fn splat(canvas: &mut Canvas, at: [f32; 2], color: Color) {
     let (x, y) = (at[0] - 0.5, at[1] - 0.5);
     let (fx, fy) = (x - x.floor(), y - y.floor());
     for (dx, wx) in [(0, 1.0 - fx), (1, fx)] {
@@ -96,7 +99,7 @@ fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, view: &View) {
 }
 
 /// Left, top, right, bottom.
-fn bounds_px(corners: &[[f32; 2]]) -> [i64; 4] {
+pub(super) fn bounds_px(corners: &[[f32; 2]]) -> [i64; 4] {
     let of = |axis: usize, pick: fn(f32, f32) -> f32| {
         let values = corners.iter().map(|corner| corner[axis]);
         values.reduce(pick).unwrap_or(0.0) as i64
@@ -106,7 +109,7 @@ fn bounds_px(corners: &[[f32; 2]]) -> [i64; 4] {
 }
 
 /// Boxes with their bounds. Unknown objects' texts first: they get the best places.
-fn draw_captions(canvas: &mut Canvas, mut order: Vec<(&DrawnBox, [i64; 4])>) {
+pub(super) fn draw_captions(canvas: &mut Canvas, mut order: Vec<(&DrawnBox, [i64; 4])>) {
     let taken = order.iter().map(|(_, bounds)| *bounds).collect();
     let mut captions = Captions::among(taken, canvas.size_px());
     order.sort_by_key(|(b, _)| b.kind != BoxKind::Unknown);

@@ -35,8 +35,8 @@ pub(crate) struct SensorArguments {
     /// Profile to write, TOML.
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Picture of --profile to write, PNG: its beams with cars before them.
-    #[arg(long, conflicts_with = "input")]
+    /// Picture to write, PNG: the histogram of elevations beside the other sensor's beams; the beams of --profile with cars before them.
+    #[arg(long)]
     picture: Option<PathBuf>,
 }
 
@@ -79,20 +79,24 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> anyhow::Result<()> {
         let not_finite = (all - points.len()) as u32;
         estimator.look(bytemuck::cast_slice(&points), not_finite);
     }
-    let found = estimator.estimate();
+    let found = estimator.estimate().clone();
     ensure!(
         found.beams > 0,
         "{}: no beams found in {wanted} scans",
         input.display()
     );
-    let (name, other) = other_sensor(arguments.sensor.as_deref(), found)?;
-    print(found, &name, &other)?;
+    let (name, other) = other_sensor(arguments.sensor.as_deref(), &found)?;
+    print(&found, &name, &other)?;
     if let Some(path) = &arguments.out {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let text = toml::to_string(&found.profile(&name))?;
         // What cannot be read back must not be written.
         SensorProfile::parse(&text, &path.display().to_string())?;
         write_out(path, text.as_bytes())?;
+    }
+    if let Some(path) = &arguments.picture {
+        let canvas = picture::of_scans(estimator.elevations().counts(), &found, &name, &other);
+        write_out(path, &canvas.png())?;
     }
     Ok(())
 }
@@ -139,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_made_up_sensor_comes_back_as_a_profile() {
+    fn a_made_up_sensor_comes_back_as_a_profile_and_a_picture() {
         let folder = tempfile::tempdir().expect("a folder");
         // 16 beams 2 degrees apart over flat ground 1 m below, a wall 20 m around.
         let ray = |n: usize| {
@@ -152,14 +156,14 @@ mod tests {
         let points: Vec<[f32; 4]> = (0..16 * 900).map(ray).collect();
         let bytes = mluc_dataset::scan_bytes(&points);
         std::fs::write(folder.path().join("0.bin"), bytes).expect("written");
-        let out = folder.path().join("mine.toml");
+        let [out, picture] = ["mine.toml", "mine.png"].map(|name| folder.path().join(name));
         let arguments = SensorArguments {
             input: Some(folder.path().to_path_buf()),
             profile: None,
             scans: 5,
             sensor: None,
             out: Some(out.clone()),
-            picture: None,
+            picture: Some(picture.clone()),
         };
         run(arguments).expect("an estimate");
         let profile = SensorProfile::load(&out.to_string_lossy()).expect("a profile");
@@ -167,6 +171,8 @@ mod tests {
         assert!((profile.azimuth_step_deg - 0.4).abs() < 0.02, "{profile:?}");
         let height_m = profile.height_m.expect("a ground");
         assert!((height_m - 1.0).abs() < 0.1, "{height_m}");
+        let picture = std::fs::read(picture).expect("a picture");
+        assert!(picture.starts_with(b"\x89PNG"));
     }
 
     #[test]

@@ -1,18 +1,22 @@
-//! The beams of a sensor, and what they see of cars.
+//! Elevations of a sensor's beams: some scans' returns beside another sensor, or a profile and what it sees of cars.
 
 use mluc_gateway::picture::{Canvas, Color};
+use mluc_ingest::estimate::SensorEstimate;
+use mluc_ingest::estimate::elevations::bin_deg;
 use mluc_model::SensorProfile;
 
 const GROUND: Color = [11, 15, 22];
 const TEXT: Color = [168, 180, 196];
+const RETURNS: Color = [38, 130, 176];
 const BEAM: Color = [244, 196, 72];
-const CAR: Color = [52, 176, 138];
+const OTHER: Color = [52, 176, 138];
 /// Picture and plot, px.
 const SIZE: [usize; 2] = [900, 760];
 const TOP: f32 = 72.0;
 const HEIGHT: f32 = 670.0;
 const LEFT: f32 = 70.0;
 const RIGHT: f32 = 880.0;
+const HISTOGRAM: f32 = 480.0;
 const COLUMN: f32 = 120.0;
 /// Around the outermost elevation, degrees.
 const MARGIN_DEG: f32 = 2.0;
@@ -21,6 +25,85 @@ pub(super) const CARS_M: [f32; 5] = [10.0, 20.0, 30.0, 40.0, 50.0];
 const CAR_HEIGHT_M: f32 = 1.5;
 /// Where a profile names no height, m.
 const SENSOR_HEIGHT_M: f32 = 1.8;
+
+/// A picture with an axis of elevations.
+struct Plot {
+    canvas: Canvas,
+    high_deg: f32,
+    low_deg: f32,
+}
+
+impl Plot {
+    /// Covers these elevations; `titles` stand above each other and are made smaller where they would be cut.
+    fn new(ends_deg: impl Iterator<Item = f32> + Clone, titles: [(String, Color); 3]) -> Plot {
+        let mut plot = Plot {
+            canvas: Canvas::new(SIZE[0], SIZE[1], GROUND),
+            high_deg: ends_deg.clone().fold(f32::MIN, f32::max) + MARGIN_DEG,
+            low_deg: ends_deg.fold(f32::MAX, f32::min) - MARGIN_DEG,
+        };
+        let field_deg = plot.high_deg - plot.low_deg;
+        let step_deg = if field_deg > 60.0 { 10 } else { 5 };
+        for deg in (-90..=90).filter(|deg| deg % step_deg == 0) {
+            let y = plot.y(deg as f32);
+            if (TOP..=TOP + HEIGHT).contains(&y) {
+                let ends = [[LEFT, y], [RIGHT, y]];
+                plot.canvas.line(ends[0], ends[1], 1.0, TEXT, 0.2);
+                plot.canvas
+                    .text([14, y as i64 - 7], &deg.to_string(), 2, TEXT);
+            }
+        }
+        for (line, (text, color)) in titles.iter().enumerate() {
+            let fits = Canvas::text_size_px(text, 2)[0] <= (RIGHT - LEFT) as i64;
+            let at = [LEFT as i64, 10 + 20 * line as i64];
+            plot.canvas.text(at, text, if fits { 2 } else { 1 }, *color);
+        }
+        plot
+    }
+
+    fn y(&self, deg: f32) -> f32 {
+        TOP + (self.high_deg - deg) / (self.high_deg - self.low_deg) * HEIGHT
+    }
+
+    fn beams(&mut self, from_x: f32, to_x: f32, elevations_deg: &[f32], color: Color) {
+        for &deg in elevations_deg {
+            let y = self.y(deg);
+            self.canvas.line([from_x, y], [to_x, y], 1.0, color, 1.0);
+        }
+    }
+}
+
+/// Left the returns by elevation and the beams found in them, right the other sensor's.
+pub(super) fn of_scans(
+    counts: &[u32],
+    found: &SensorEstimate,
+    name: &str,
+    other: &SensorProfile,
+) -> Canvas {
+    let scans = format!("returns of {} scans by elevation, degrees", found.scans);
+    let beams = format!("{} beams found", found.elevations_deg.len());
+    let titles = [(scans, RETURNS), (beams, BEAM), (name.to_owned(), OTHER)];
+    let ends = other.elevations_deg.iter().chain(&found.vertical_field_deg);
+    let mut plot = Plot::new(ends.copied(), titles);
+    // Returns of a row of pixels, by their square root: thin beams stay visible.
+    let mut rows = [0u32; SIZE[1]];
+    for (bin, count) in counts.iter().enumerate() {
+        let y = plot.y(bin_deg(bin));
+        if (TOP..TOP + HEIGHT).contains(&y) {
+            rows[y as usize] += count;
+        }
+    }
+    let most = rows.iter().copied().max().unwrap_or(0).max(1) as f32;
+    for (y, count) in rows.iter().enumerate().filter(|(_, count)| **count > 0) {
+        let end = LEFT + (*count as f32 / most).sqrt() * HISTOGRAM;
+        let corners = [[LEFT as i64, y as i64], [end as i64, y as i64 + 1]];
+        plot.canvas.rectangle(corners[0], corners[1], RETURNS, 1.0);
+    }
+    let found_x = LEFT + HISTOGRAM + 15.0;
+    let other_x = found_x + COLUMN + 15.0;
+    plot.beams(found_x, found_x + COLUMN, &found.elevations_deg, BEAM);
+    plot.beams(other_x, other_x + COLUMN, &other.elevations_deg, OTHER);
+    plot.canvas
+}
 
 /// Elevations of the lower and the upper end of a car, degrees.
 fn car_deg(profile: &SensorProfile, away_m: f32) -> [f32; 2] {
@@ -41,54 +124,31 @@ pub(super) fn rings_on_cars(profile: &SensorProfile) -> [usize; 5] {
 /// The beams of a profile, and cars 10 to 50 m away in front of them.
 pub(super) fn of_profile(profile: &SensorProfile) -> Canvas {
     let beams = &profile.elevations_deg;
-    let mut canvas = Canvas::new(SIZE[0], SIZE[1], GROUND);
-    let [low_deg, high_deg] = car_deg(profile, CARS_M[0]);
-    let high_deg = beams.iter().fold(high_deg, |a, b| a.max(*b)) + MARGIN_DEG;
-    let low_deg = beams.iter().fold(low_deg, |a, b| a.min(*b)) - MARGIN_DEG;
-    let y = |deg: f32| TOP + (high_deg - deg) / (high_deg - low_deg) * HEIGHT;
-    let step_deg = if high_deg - low_deg > 60.0 { 10 } else { 5 };
-    for deg in (-90..=90).filter(|deg| deg % step_deg == 0) {
-        let y = y(deg as f32);
-        if (TOP..=TOP + HEIGHT).contains(&y) {
-            canvas.line([LEFT, y], [RIGHT, y], 1.0, TEXT, 0.2);
-            canvas.text([14, y as i64 - 7], &deg.to_string(), 2, TEXT);
-        }
-    }
-    draw_titles(&mut canvas, profile);
-    for &deg in beams {
-        canvas.line([LEFT, y(deg)], [RIGHT, y(deg)], 1.0, BEAM, 1.0);
-    }
-    for (at, (away_m, rings)) in CARS_M.iter().zip(rings_on_cars(profile)).enumerate() {
-        let x = LEFT + 30.0 + 160.0 * at as f32;
-        let [low, high] = car_deg(profile, *away_m).map(|deg| y(deg) as i64);
-        let ends = [[x as i64, high], [x as i64 + COLUMN as i64, low]];
-        canvas.rectangle(ends[0], ends[1], CAR, 0.55);
-        let text = format!("{away_m} m: {rings}");
-        let size = Canvas::text_size_px(&text, 2);
-        let below = [x as i64, low + 6];
-        let corner = [below[0] + size[0], below[1] + size[1]];
-        canvas.rectangle(below.map(|v| v - 3), corner.map(|v| v + 3), GROUND, 0.9);
-        canvas.text(below, &text, 2, CAR);
-    }
-    canvas
-}
-
-/// Above each other; smaller where they would be cut.
-fn draw_titles(canvas: &mut Canvas, profile: &SensorProfile) {
-    let beams = &profile.elevations_deg;
+    let [top, bottom] = [beams[0], beams[beams.len() - 1]];
     let what = format!(
-        "{} beams, {:.1} to {:.1} degrees, columns {} degrees apart",
+        "{} beams, {top:.1} to {bottom:.1} degrees, columns {} degrees apart",
         beams.len() * profile.units.len().max(1),
-        beams[0],
-        beams[beams.len() - 1],
         profile.azimuth_step_deg
     );
     let sensor_m = profile.height_m.unwrap_or(SENSOR_HEIGHT_M);
     let cars = format!("rings on a car 10 to 50 m away, sensor {sensor_m} m high:");
-    let titles = [(profile.name.clone(), BEAM), (what, TEXT), (cars, CAR)];
-    for (line, (text, color)) in titles.iter().enumerate() {
-        let fits = Canvas::text_size_px(text, 2)[0] <= (RIGHT - LEFT) as i64;
-        let at = [LEFT as i64, 10 + 20 * line as i64];
-        canvas.text(at, text, if fits { 2 } else { 1 }, *color);
+    let titles = [(profile.name.clone(), BEAM), (what, TEXT), (cars, OTHER)];
+    let [low_deg, high_deg] = car_deg(profile, CARS_M[0]);
+    let ends = beams.iter().copied().chain([low_deg, high_deg]);
+    let mut plot = Plot::new(ends, titles);
+    plot.beams(LEFT, RIGHT, beams, BEAM);
+    for (at, (away_m, rings)) in CARS_M.iter().zip(rings_on_cars(profile)).enumerate() {
+        let x = LEFT + 30.0 + 160.0 * at as f32;
+        let [low, high] = car_deg(profile, *away_m).map(|deg| plot.y(deg) as i64);
+        let ends = [[x as i64, high], [x as i64 + COLUMN as i64, low]];
+        plot.canvas.rectangle(ends[0], ends[1], OTHER, 0.55);
+        let text = format!("{away_m} m: {rings}");
+        let size = Canvas::text_size_px(&text, 2);
+        let below = [x as i64, low + 6];
+        let corner = [below[0] + size[0], below[1] + size[1]];
+        plot.canvas
+            .rectangle(below.map(|v| v - 3), corner.map(|v| v + 3), GROUND, 0.9);
+        plot.canvas.text(below, &text, 2, OTHER);
     }
+    plot.canvas
 }
