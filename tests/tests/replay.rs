@@ -39,6 +39,17 @@ fn a_recording_with_stages_is_replayed_from_each_of_them() {
         same.assert_ended(0, 0);
         same.assert_says(&[" with the recorded objects, 0 with others"]);
     }
+    // Parts: together they are the whole.
+    let scans = |finished: &Finished| -> u64 {
+        let told = finished.log.split_once(" with the recorded objects");
+        let count = told.and_then(|(head, _)| head.rsplit(' ').next()?.parse().ok());
+        count.unwrap_or_else(|| panic!("{}", finished.log))
+    };
+    let whole = scans(&replay(&path, &format!("{model} --from head")));
+    let part = |i: u32| replay(&path, &format!("{model} --from head --shard {i}/3"));
+    let parts = [0, 1, 2].map(|i| scans(&part(i)));
+    assert_eq!(parts.iter().sum::<u64>(), whole, "{parts:?}");
+    assert!(parts.iter().all(|part| *part < whole), "{parts:?}");
     // Without the gate all boxes are known. It is the head's: with recorded detections it has no say.
     for (from, code) in [("head", 1), ("refiner", 0)] {
         let other = replay(&path, &format!("{model} --from {from} --lambda 0"));

@@ -10,6 +10,7 @@ use clap::Parser;
 use mluc_dataset::{DatasetError, Label, make_folders, scan_bytes, write_file};
 use mluc_geometry::{Calibration, limit_period};
 use mluc_model::SensorProfile;
+use mluc_sources::shard;
 use rayon::prelude::*;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -87,14 +88,6 @@ impl ExportOptions {
         let [index, count] = self.shard.unwrap_or([0, 1]);
         (index..self.frames).step_by(count as usize).collect()
     }
-}
-
-/// `I/N`: part I, from 0 to N-1, of N.
-pub fn shard(text: &str) -> Result<[u32; 2], String> {
-    let parts = text.split_once('/');
-    let numbers = parts.and_then(|(i, n)| Some([i.parse().ok()?, n.parse().ok()?]));
-    let fits = numbers.filter(|[index, count]| index < count);
-    fits.ok_or_else(|| format!("expected I/N with I from 0 to N-1, found {text}"))
 }
 
 /// Writes a data set. `written` is called after each frame, from any thread.

@@ -26,7 +26,8 @@ mod sensor;
 pub mod synthetic_unknown;
 
 pub use drawn::HELD_OUT;
-pub use export::{ExportOptions, export, shard};
+pub use export::{ExportOptions, export};
+pub use mluc_sources::shard;
 pub use realism::{Realism, Step};
 
 use mluc_dataset::{DatasetError, SYNTHETIC_UNKNOWN};

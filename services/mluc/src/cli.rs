@@ -8,6 +8,7 @@ use mluc_ipc_types::Stage;
 use mluc_refiner::Variant;
 use mluc_runtime::LOG_FORMATS;
 use mluc_sources::files::Layout;
+use mluc_sources::shard;
 use serde::Serialize;
 
 use crate::commands::loopback;
@@ -257,6 +258,9 @@ pub(crate) struct LayoutArgs {
     /// Topic of these poses [default: a recording's /tf or only one, /odom of ROS 2].
     #[arg(long)]
     odometry: Option<String>,
+    /// Part I (0 to N-1) of N alone, for job arrays: every Nth scan of files or a recording.
+    #[arg(long, value_name = "I/N", value_parser = shard)]
+    shard: Option<[u32; 2]>,
 }
 
 impl LayoutArgs {

@@ -10,8 +10,9 @@ use mluc::UsageError;
 use mluc_gateway::ros2::topics;
 use mluc_runtime::wall_clock_ns;
 use mluc_sources::files::Layout;
-use mluc_sources::{LiveScans, Next, ODOMETRY, Odometry, Scan, Source, ros2_topic};
+use mluc_sources::{LiveScans, Next, ODOMETRY, Odometry, Scan, Source, TF, TRANSFORMS, ros2_topic};
 use rustdds::no_key::SimpleDataReader;
+use rustdds::policy::Durability;
 use rustdds::{DomainParticipant, GUID, QosPolicyBuilder};
 
 use crate::dds::{Encoded, join, keep, topic};
@@ -20,6 +21,11 @@ use crate::dds::{Encoded, join, keep, topic};
 const CLOUDS_MAX: i32 = 2;
 /// Poses that wait: 0.2 s at 1 kHz.
 const POSES_MAX: i32 = 200;
+/// Messages of fixed transforms: one of each publisher.
+const FIXED_MAX: i32 = 50;
+const ODOM: &str = "/odom";
+/// How long a writer may wait for readers; nothing is written here.
+const RELIABLE_BLOCKING: rustdds::Duration = rustdds::Duration::ZERO;
 
 /// As [`Source::open`], and `ros2:/TOPIC`.
 pub(crate) fn open(input: &Path, layout: &Layout, repeat: bool) -> anyhow::Result<Source> {
@@ -36,7 +42,9 @@ struct Clouds {
     layout: Layout,
     reader: Reader,
     /// What the scans are corrected by.
-    odometry: Option<(Reader, Odometry)>,
+    odometry: Odometry,
+    /// Where its messages come from: what they are, and whether what they tell holds at any time. None without `--deskew`.
+    poses: Vec<(Reader, &'static str, bool)>,
     _participant: DomainParticipant,
     heard: Instant,
     number: u64,
@@ -53,29 +61,36 @@ impl Clouds {
             return Err(UsageError(text).into());
         }
         let participant = join()?;
-        // ROS' profile for sensor data.
-        let read = |name: &str, schema: &str, depth, count_max| -> anyhow::Result<Reader> {
-            let qos = keep(QosPolicyBuilder::new().best_effort(), depth, count_max);
+        let read = |qos, name: &str, schema: &str, depth, count_max| -> anyhow::Result<Reader> {
+            let qos = keep(qos, depth, count_max);
             let topic = topic(&participant, name, schema, &qos)?;
             let subscriber = participant.create_subscriber(&qos)?;
             Ok(subscriber.create_simple_datareader_no_key(&topic, Some(qos))?)
         };
+        // ROS' profiles: for sensor data, and for what is told once to all that come.
+        let sensor_data = || QosPolicyBuilder::new().best_effort();
+        let latched = || {
+            let qos = QosPolicyBuilder::new().durability(Durability::TransientLocal);
+            qos.reliable(RELIABLE_BLOCKING)
+        };
         let [cloud, ..] = topics();
-        let reader = read(name, cloud.schema, 1, CLOUDS_MAX)?;
-        let poses = layout.odometry.as_deref().unwrap_or("/odom");
-        let poses = layout
-            .deskew
-            .then(|| read(poses, ODOMETRY, POSES_MAX, POSES_MAX));
-        let odometry = poses
-            .transpose()?
-            .map(|poses| (poses, Odometry::new(layout)));
+        let reader = read(sensor_data(), name, cloud.schema, 1, CLOUDS_MAX)?;
+        let mut poses = vec![];
+        let topic = layout.odometry.as_deref().unwrap_or(ODOM);
+        if layout.deskew {
+            let schema = if topic == TF[0] { TRANSFORMS } else { ODOMETRY };
+            let moving = read(sensor_data(), topic, schema, POSES_MAX, POSES_MAX)?;
+            let fixed = read(latched(), TF[1], TRANSFORMS, FIXED_MAX, FIXED_MAX)?;
+            poses = vec![(fixed, TRANSFORMS, true), (moving, schema, false)];
+        }
         let domain = participant.domain_id();
         tracing::info!(topic = name, domain, "listening");
         Ok(Clouds {
             name: name.to_string(),
             layout: layout.clone(),
             reader,
-            odometry,
+            odometry: Odometry::new(layout),
+            poses,
             _participant: participant,
             heard: Instant::now(),
             number: 0,
@@ -118,12 +133,14 @@ impl LiveScans for Clouds {
             if let Some(message) = self.newest() {
                 self.heard = Instant::now();
                 let frame = scan.take_point_cloud2(&self.layout, &message, wall_clock_ns());
-                if let Some((reader, odometry)) = &mut self.odometry {
+                for (reader, schema, is_fixed) in &mut self.poses {
                     reader.drain_read_notifications();
-                    while let Ok(Some(pose)) = reader.try_take_one() {
-                        odometry.take(ODOMETRY, false, &pose.into_value());
+                    while let Ok(Some(message)) = reader.try_take_one() {
+                        self.odometry.take(schema, *is_fixed, &message.into_value());
                     }
-                    odometry.correct(scan, &frame);
+                }
+                if self.layout.deskew {
+                    self.odometry.correct(scan, &frame);
                 }
                 (scan.name, scan.offset_ns) = (format!("{:06}", self.number), None);
                 scan.missed = std::mem::take(&mut self.missed);

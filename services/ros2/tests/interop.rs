@@ -3,24 +3,30 @@
 use std::net::UdpSocket;
 use std::process::{Command, Stdio};
 
+use mluc::bundled::BundledScans;
 use mluc_tests::{Running, Setting, built_program, python_with, root, skip, write_file};
 
 /// Multicast may be missing: participants of this machine are asked one by one.
 const CYCLONE: &str = "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General><Discovery>\
     <ParticipantIndex>auto</ParticipantIndex><Peers><Peer address='localhost'/></Peers></Discovery></Domain></CycloneDDS>";
 
-#[test]
-fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
-    let Some(python) = python_with("cyclonedds") else {
-        return;
-    };
+/// Python with Cyclone DDS; `None`: it or a network is missing, which is said.
+fn python() -> Option<std::path::PathBuf> {
+    let python = python_with("cyclonedds")?;
     let socket = UdpSocket::bind("0.0.0.0:0").expect("a socket");
     if socket.connect("239.255.0.1:7400").is_err() {
-        return skip(
+        skip(
             "mluc-ros2",
             "no network beside loopback, on which rustdds sends nothing",
         );
+        return None;
     }
+    Some(python)
+}
+
+#[test]
+fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
+    let Some(python) = python() else { return };
     let mut setting = Setting::new("ros2", 3);
     let expected = setting.run("").lines;
     let told = setting.folder.path().join("expected.jsonl");
@@ -65,4 +71,62 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
         }
     }
     assert!(damaged > 0, "no frame in place of the cloud without y");
+}
+
+/// What a sensor sees that drives while it turns gives the objects of one that stands still: by odometry, and by transforms.
+#[test]
+fn points_are_corrected_by_odometry_and_by_transforms() {
+    let Some(python) = python() else { return };
+    let mut setting = Setting::new("ros2-motion", 0);
+    // Real objects stay where points move by a rounding.
+    setting.model = "any-open".into();
+    let bundled = BundledScans::write("ros2-motion").expect("a folder");
+    setting.input = bundled.folder().join("velodyne");
+    let expected = setting.run("").lines;
+    let told = setting.folder.path().join("expected.jsonl");
+    write_file(&told, "");
+    let scans = std::mem::replace(&mut setting.input, "ros2:/points".into());
+    let domain = (1 + std::process::id() % 100).to_string();
+    let start = |command: &mut Command| Running::start(command.env("ROS_DOMAIN_ID", &domain));
+    let mut cyclone = Command::new(python);
+    cyclone.arg(root().join("services/ros2/tests/cyclone.py"));
+    cyclone.args([&scans, &told]).arg("moving");
+    cyclone.env("CYCLONEDDS_URI", CYCLONE);
+    for option in ["", "--odometry /tf"] {
+        let mut run = start(&mut setting.up_command(&format!("--pace sensor --deskew {option}")));
+        run.wait_for_words("listening");
+        let _cyclone = start(&mut cyclone);
+        run.wait_for_lines(25);
+        let run = setting.stop(run);
+        let mut seen = vec![0; expected.len()];
+        for line in &run.lines {
+            if line["flags"].to_string().contains("degraded") {
+                continue;
+            }
+            let second = line["stamp_ns"].as_u64().expect("a stamp") / 1_000_000_000;
+            let scan = (second as usize - 10) % expected.len();
+            let [found, wanted] = [line, &expected[scan]].map(|line| {
+                let objects = line["objects"].as_array().expect("objects").iter();
+                let places = objects.map(|object| object["center_m"].clone());
+                places
+                    .map(|at_m| [0, 1, 2].map(|axis| at_m[axis].as_f64().expect("a place")))
+                    .collect::<Vec<_>>()
+            });
+            let is_found = |b: &&[f64; 3]| {
+                let mut near = found.iter().map(|a| a.iter().zip(*b));
+                near.any(|pairs| pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) < 0.3)
+            };
+            let count = wanted.iter().filter(is_found).count();
+            assert!(
+                !wanted.is_empty() && count * 10 >= wanted.len() * 8,
+                "{option}: {found:?} {wanted:?}"
+            );
+            seen[scan] += 1;
+        }
+        assert!(
+            seen.iter().all(|count| *count > 0),
+            "{option}: {seen:?} {}",
+            run.log
+        );
+    }
 }

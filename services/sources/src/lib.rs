@@ -17,6 +17,7 @@ pub mod packets;
 pub mod pcap;
 mod recording;
 mod rounds;
+mod shard;
 pub mod udp;
 
 use std::path::Path;
@@ -39,8 +40,9 @@ use error::refused;
 pub use growing::FOLLOW;
 use live::address;
 pub use merged::Lidar;
-pub use motion::{ODOMETRY, Odometry};
+pub use motion::{ODOMETRY, Odometry, TF, TRANSFORMS};
 pub use recording::Recorded;
+pub use shard::{place, shard};
 
 /// One scan, as ingest publishes it; its memory is used again for the next one.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -80,6 +82,8 @@ pub enum Next {
 pub struct Source {
     kind: Kind,
     repeat: bool,
+    /// Part I of N: every Nth scan.
+    shard: Option<[u32; 2]>,
 }
 
 enum Kind {
@@ -123,6 +127,7 @@ impl Source {
         Source {
             kind: Kind::Live(Box::new(scans)),
             repeat: false,
+            shard: None,
         }
     }
 
@@ -153,7 +158,17 @@ impl Source {
             )),
         };
         has_poses.with_context(|| format!("input {}: deskew", input.display()))?;
-        Ok(Source { kind, repeat })
+        let shard = layout.shard;
+        if shard.is_some() && (repeat || matches!(kind, Kind::Live(_))) {
+            let expected = "files, captures or recordings, once each";
+            refused("shard", expected, "a live sensor or --loop")
+                .with_context(|| format!("input {}", input.display()))?;
+        }
+        Ok(Source {
+            kind,
+            repeat,
+            shard,
+        })
     }
 
     /// The first of several sensors, or this one.
@@ -174,11 +189,12 @@ impl Source {
 
     /// How many scans there are; `None`: not known.
     pub fn count(&self) -> Option<u64> {
-        match &self.first().kind {
+        let count = match &self.first().kind {
             Kind::Folder(folder) => Some(folder.scans.len() as u64),
             Kind::Recording(recording) => recording.count,
             _ => None,
-        }
+        };
+        count.map(|count| shard::scans(self.shard, count))
     }
 
     /// Which of the scans a number is that counts on over all rounds.
@@ -188,6 +204,7 @@ impl Source {
 
     /// The name of a scan, by its index.
     pub fn name(&self, index: u64) -> String {
+        let index = place(self.shard, index);
         match &self.first().kind {
             Kind::Folder(folder) => folder.name(index as usize),
             _ => numbered(index),
@@ -209,6 +226,8 @@ impl Source {
 
     /// As [`Source::load`], for a scan that nobody may read: no points. A capture or a recording is read on; a live sensor's next scan is another one.
     pub fn pass_over(&mut self, sequence: u64, scan: &mut Scan) -> anyhow::Result<Next> {
+        let part = sequence;
+        let sequence = place(self.shard, part);
         let next = match &mut self.kind {
             Kind::Folder(folder) if self.repeat || sequence < folder.scans.len() as u64 => {
                 folder.describe(sequence, scan);
@@ -217,7 +236,7 @@ impl Source {
             Kind::Capture(capture) => capture.load(sequence, self.repeat, scan)?,
             Kind::Recording(recording) => recording.load(sequence, self.repeat, scan)?,
             Kind::Merged(merged) => merged.parts[0].source.pass_over(sequence, scan)?,
-            _ => return self.load(sequence, scan),
+            _ => return self.load(part, scan),
         };
         scan.bytes.clear();
         scan.times_ns.clear();
@@ -227,6 +246,7 @@ impl Source {
 
     /// Loads a scan by its number, which counts on over all rounds and never goes back in a capture or a recording. Errors: what the system, or a live sensor's packets, refuse.
     pub fn load(&mut self, sequence: u64, scan: &mut Scan) -> anyhow::Result<Next> {
+        let sequence = place(self.shard, sequence);
         match &mut self.kind {
             Kind::Live(live) => live.load(scan, PATIENCE),
             Kind::Merged(merged) => merged.load(sequence, scan),

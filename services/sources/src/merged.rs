@@ -101,7 +101,11 @@ impl Source {
             missing: String::new(),
         });
         let repeat = false;
-        Ok(Source { kind, repeat })
+        Ok(Source {
+            kind,
+            repeat,
+            shard: None,
+        })
     }
 }
 

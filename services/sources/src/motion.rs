@@ -11,7 +11,9 @@ use crate::merged::pose;
 use crate::{Deskew, Scan};
 
 /// Messages that tell of motion, in CDR.
-const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
+pub const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
+/// Their topics by ROS' custom: those that change, and those that do not.
+pub const TF: [&str; 2] = ["/tf", "/tf_static"];
 const POSE: &str = "geometry_msgs/msg/PoseStamped";
 /// Odometry's type in ROS 2.
 pub const ODOMETRY: &str = "nav_msgs/msg/Odometry";

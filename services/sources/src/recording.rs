@@ -12,7 +12,7 @@ use mcap::{Channel, Summary};
 use mluc_ipc_types::Flags;
 
 use crate::files::{CLOUDS, Cloud, Layout};
-use crate::motion::{Odometry, POSES};
+use crate::motion::{Odometry, POSES, TF};
 use crate::rounds::Rounds;
 use crate::{Next, Scan, SourceError, numbered, refused};
 
@@ -23,8 +23,6 @@ const LOOKS_MAX: u32 = 64;
 const READ_BYTES: usize = 1 << 20;
 /// What is looked for, how it may be written, and the option that names its topic.
 const SCANS: [&str; 3] = ["scans", CLOUDS, "--topic"];
-/// Transforms by ROS' custom: those that change, and those that do not.
-const TF: [&str; 2] = ["/tf", "/tf_static"];
 
 /// The recording that `input` is, or the only one in a folder, as rosbag2 makes them.
 pub(crate) fn within(input: &Path, ending: &str) -> Option<PathBuf> {

@@ -8,7 +8,7 @@ use mluc_gateway::lines::line;
 use mluc_gateway::ros2::line_topic;
 use mluc_ipc_types::{Flags, FrameHeader, Object, Point, Stage, Status};
 use mluc_runtime::{Shutdown, log_to_stderr};
-use mluc_sources::Recorded;
+use mluc_sources::{Recorded, place};
 use serde_json::{Value, json};
 
 use crate::cli::PipelineArgs;
@@ -26,12 +26,14 @@ pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Res
     let input = input.ok_or(UsageError("expected --input RUN.mcap, found none".into()))?;
     (args.pace, args.repeat) = (Some(Pace::Complete), false);
     let mut settings = Settings::resolve(args.clone())?;
+    let shard = settings.layout.shard;
     if let Some(from) = from {
         play(&mut settings, &input, from)?;
     }
     let mut compared = Compared {
         recorded: Recorded::open(&input, line_topic().name, "mluc record")?,
         has_played: from.is_some(),
+        shard,
         same: 0,
         other: 0,
         degraded: 0,
@@ -88,6 +90,7 @@ struct Compared {
     recorded: Recorded,
     /// Stages publish what was recorded; a frame of which nothing was is flagged `degraded`.
     has_played: bool,
+    shard: Option<[u32; 2]>,
     same: u64,
     other: u64,
     degraded: u64,
@@ -106,12 +109,13 @@ impl Sink for Compared {
         _: &[Point],
     ) -> anyhow::Result<bool> {
         let is_missing = self.has_played && Flags(header.flags).contains(Flags::DEGRADED);
-        let message = self.recorded.of(header.sequence)?;
+        let scan = place(self.shard, header.sequence);
+        let message = self.recorded.of(scan)?;
         let Some(message) = message.filter(|_| !is_missing) else {
             self.without += 1;
             return Ok(true);
         };
-        let about = || format!("recorded line of scan {}", header.sequence);
+        let about = || format!("recorded line of scan {scan}");
         // A string in CDR: its head, its length with the byte that ends it, the text.
         let text = message.get(8..message.len().saturating_sub(1));
         let recorded: Value = serde_json::from_slice(text.unwrap_or(&[])).with_context(about)?;
@@ -133,7 +137,7 @@ impl Sink for Compared {
         } else {
             self.other += 1;
             let of = |line: &Value| json!({"objects": line["objects"], "suppressed": line["suppressed"]});
-            let (scan, recorded, found) = (header.sequence, of(&recorded), of(&found));
+            let (recorded, found) = (of(&recorded), of(&found));
             print_out(json!({"scan": scan, "recorded": recorded, "found": found}))?;
         }
         Ok(true)

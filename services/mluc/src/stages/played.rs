@@ -9,7 +9,7 @@ use mluc_ipc_types::{
 };
 use mluc_model::Model;
 use mluc_runtime::{Algorithm, Frames, Payload, Scans, Shell, StageError, StageInput, run_stage};
-use mluc_sources::Recorded;
+use mluc_sources::{Recorded, place};
 
 use super::backbone::blocks_max;
 use crate::settings::Settings;
@@ -17,6 +17,7 @@ use crate::settings::Settings;
 struct Played<I, O, const STAGE: usize> {
     /// `None`: no later stage computes with what this one publishes.
     recorded: Option<Recorded>,
+    shard: Option<[u32; 2]>,
     sequence: Option<u64>,
     /// Of that sequence; `None`: it was not recorded.
     message: Option<(FrameHeader, Vec<O>)>,
@@ -33,18 +34,21 @@ pub(super) fn run(
 ) -> anyhow::Result<()> {
     let is_last = to.is_some_and(|to| to as usize == stage as usize + 1);
     let path = settings.input.as_deref().context("no recording")?;
+    let shard = settings.layout.shard;
     let recorded = is_last.then(|| open(path, stage)).transpose()?;
     Ok(match stage {
         Stage::Backbone => {
             let output = shell.output(&Topic::FEATURES, blocks_max(&model.manifest.network))?;
             let frames = Frames::new(shell, &Topic::POINTS, None)?;
-            let played = Played::<Point, FeatureBlock, { Stage::Backbone as usize }>::new(recorded);
+            let played =
+                Played::<Point, FeatureBlock, { Stage::Backbone as usize }>::new(recorded, shard);
             run_stage(shell, frames, output, played)
         }
         _ => {
             let output = shell.output(&Topic::DETECTIONS, DETECTIONS_MAX)?;
             let frames = Frames::new(shell, &Topic::FEATURES, Some(Scans::sent(shell)?))?;
-            let played = Played::<FeatureBlock, Detection, { Stage::Head as usize }>::new(recorded);
+            let played =
+                Played::<FeatureBlock, Detection, { Stage::Head as usize }>::new(recorded, shard);
             run_stage(shell, frames, output, played)
         }
     }?)
@@ -80,9 +84,10 @@ pub(crate) fn parse<O: bytemuck::Pod>(
 }
 
 impl<I, O, const STAGE: usize> Played<I, O, STAGE> {
-    fn new(recorded: Option<Recorded>) -> Played<I, O, STAGE> {
+    fn new(recorded: Option<Recorded>, shard: Option<[u32; 2]>) -> Played<I, O, STAGE> {
         Played {
             recorded,
+            shard,
             sequence: None,
             message: None,
             input: PhantomData,
@@ -105,7 +110,9 @@ impl<I: Payload, O: Payload, const STAGE: usize> Algorithm for Played<I, O, STAG
         };
         if self.sequence != Some(header.sequence) {
             let failed = |error: anyhow::Error| StageError::Failed(error.into());
-            let message = recorded.of(header.sequence).map_err(failed)?;
+            let message = recorded
+                .of(place(self.shard, header.sequence))
+                .map_err(failed)?;
             let parsed = message.map(|bytes| parse(&bytes, header.model_fingerprint));
             self.message = parsed.transpose().map_err(failed)?;
             self.sequence = Some(header.sequence);

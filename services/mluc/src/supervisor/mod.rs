@@ -108,6 +108,8 @@ impl Outcome {
 const END_PATIENCE: Duration = Duration::from_millis(600);
 /// Deaths of stages that work on a scan until it is set aside.
 const KILLS_MAX: u32 = 2;
+/// That of the supervisor, in the instance.
+pub(crate) const ROLE: &str = "pipeline";
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 /// The supervisor itself stood still so long: nothing is known of the stages in that time.
 const PAUSE_NS: u64 = 500_000_000;
@@ -160,7 +162,7 @@ pub(crate) fn run(
         );
     }
     predecessor::end_orphans(&settings.instance);
-    let mut shell = Shell::observer(&settings.instance, Some("pipeline"), shutdown)?;
+    let mut shell = Shell::observer(&settings.instance, Some(ROLE), shutdown)?;
     if shell.has_dead() {
         predecessor::clean(&settings.instance)?;
     }
@@ -339,6 +341,10 @@ impl Supervisor {
                 continue;
             }
             let sent = self.scans.count_sent();
+            if header.sequence < sent {
+                // Ingest at pace `complete` waits for it: more than two messages would not wait here.
+                self.shell.note_frame(Some(header.sequence));
+            }
             // A copy: a refiner that goes on writing changes nothing that was checked.
             let elements = message.elements().to_vec();
             let checked = header

@@ -47,6 +47,8 @@ pub struct Layout {
     pub deskew: bool,
     /// Topic of the motion, in a recording or of ROS 2.
     pub odometry: Option<String>,
+    /// Part I (from 0) of N: every Nth scan alone.
+    pub shard: Option<[u32; 2]>,
     /// Pose of the sensor in the frame whose motion the odometry tells, as in `[sensor]`.
     #[serde(skip)]
     pub base_from_sensor: [f64; 6],
@@ -64,6 +66,7 @@ impl Default for Layout {
             topic: None,
             deskew: false,
             odometry: None,
+            shard: None,
             base_from_sensor: [0.0; 6],
         }
     }
@@ -80,6 +83,13 @@ impl Layout {
             if !(1e-9..=1e9).contains(&value) {
                 return refused(key, "1e-9 to 1e9", value);
             }
+        }
+        if let Some([index, count]) = self.shard.filter(|[index, count]| index >= count) {
+            return refused(
+                "shard",
+                "I/N with I from 0 to N-1",
+                format!("{index}/{count}"),
+            );
         }
         if !self.origin.iter().all(|v| v.is_finite()) {
             return refused(

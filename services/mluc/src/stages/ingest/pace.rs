@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
-use mluc_runtime::{RuntimeError, monotonic_ns};
+use mluc_runtime::{ClaimNote, RuntimeError, monotonic_ns};
 
 use super::sender::Sender;
 use crate::settings::Settings;
+use crate::supervisor::ROLE;
 
 /// Without stamps.
 const RATE_HZ: f64 = 10.0;
@@ -16,6 +17,7 @@ const RESENDS_MAX: u32 = 2;
 /// How long the last frame of a run at the sensor's pace may take.
 const LAST_FRAME_NS: u64 = 5_000_000_000;
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
+const TAKEN_POLL_INTERVAL: Duration = Duration::from_micros(200);
 
 /// At the sensor's rate, whether or not the stages behind keep up.
 pub(crate) fn sensor(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Result<()> {
@@ -100,6 +102,9 @@ pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> 
             }
             sender.send(sequence, attempt, monotonic_ns())?;
             is_out = await_objects(sender, sequence, ANSWER_PATIENCE_NS)?;
+            if is_out {
+                await_supervisor(sender, sequence)?;
+            }
             if is_out || sender.shell.is_stopping() {
                 break;
             }
@@ -112,6 +117,20 @@ pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> 
                 "frame lost: no objects came, although it was sent {times} times"
             );
         }
+    }
+    Ok(())
+}
+
+/// Waits until the supervisor, if there is one, has taken the objects too: its queue is short, and the next frame may take no time.
+fn await_supervisor(sender: &mut Sender, sequence: u64) -> anyhow::Result<()> {
+    let deadline_ns = monotonic_ns() + ANSWER_PATIENCE_NS;
+    let is_waiting = |sender: &Sender| {
+        let note = ClaimNote::of_living(sender.shell.instance(), ROLE);
+        note.is_some_and(|note| note.sequence.is_none_or(|taken| taken < sequence))
+    };
+    while is_waiting(sender) && !sender.shell.is_stopping() && monotonic_ns() < deadline_ns {
+        sender.shell.tick()?;
+        std::thread::sleep(TAKEN_POLL_INTERVAL);
     }
     Ok(())
 }
