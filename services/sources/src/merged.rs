@@ -12,7 +12,7 @@ use nalgebra::{IsometryMatrix3, Point3, Rotation3, Translation3};
 use serde::{Deserialize, Serialize};
 
 use crate::files::Layout;
-use crate::{Kind, Next, Open, Scan, Source};
+use crate::{Kind, Next, Open, Scan, Source, refused};
 
 /// `[[lidar]]`: one of several sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -72,6 +72,9 @@ impl Source {
         tolerance_ms: u64,
         open: Open,
     ) -> anyhow::Result<Source> {
+        if layout.shard.is_some() {
+            refused::<()>("shard", "one input", "[[lidar]]")?;
+        }
         let frame_from_base = pose(base_from_frame).inverse();
         let part = |lidar: &Lidar| {
             let (name, mut layout) = (lidar.name.clone(), layout.clone());
