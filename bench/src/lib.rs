@@ -3,7 +3,6 @@
 mod machine;
 mod report;
 mod run;
-pub mod transport;
 
 use std::path::Path;
 

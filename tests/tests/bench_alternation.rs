@@ -6,7 +6,7 @@ use mluc_tests::{Running, Setting, assert_has, mluc_program, read_json};
 use serde_json::{Value, json};
 
 /// Options of a short run, each side in turns.
-const SHORT: &str = "--seconds 4 --warm-up 0.5 --rate 8 --rounds 2 --floor-rounds 0";
+const SHORT: &str = "--seconds 4 --warm-up 0.5 --rate 8 --rounds 2";
 
 /// Of both sides.
 fn reports(out: &Path) -> [Value; 2] {

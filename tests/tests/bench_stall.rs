@@ -17,7 +17,7 @@ fn stalled(stage: &str) -> (Value, Vec<f64>) {
     // A stop of this length is a hang otherwise, and the stage would be killed.
     let config = setting.config(&format!("[stages.{stage}]\nheartbeat_max_ms = 0\n"));
     let config = config.replace("--config", "--scenario");
-    let options = format!("--rate {RATE_HZ} --seconds 6 --warm-up 0 --floor-rounds 0 {config}");
+    let options = format!("--rate {RATE_HZ} --seconds 6 --warm-up 0 {config}");
     let mut run = setting.start_bench(&options);
     run.wait_until("all stages run", |run| run.stages().len() == 4);
     let instance = format!("bench-{}-0", run.pid());

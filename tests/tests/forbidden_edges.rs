@@ -110,8 +110,7 @@ fn the_contract_needs_iceoryx2_only_for_the_runtime() {
             let asks = dependency.name == CONTRACT && features.any(|f| f == SHARED_MEMORY);
             assert!(!asks || name == "mluc-runtime", "{name} asks for iceoryx2");
             let is_direct = is_iceoryx2 && dependency.kind != DependencyKind::Development;
-            // The benchmark of hand-over measures iceoryx2 alone beside our hop.
-            let may = [CONTRACT, "mluc-runtime", "mluc-bench"].contains(&name);
+            let may = [CONTRACT, "mluc-runtime"].contains(&name);
             assert!(!is_direct || may, "{name} depends on iceoryx2");
         }
         let default = package.features.get("default");

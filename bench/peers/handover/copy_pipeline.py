@@ -125,14 +125,14 @@ def main():
     program, record = sys.argv[1:3]
     rounds = int(sys.argv[3]) if len(sys.argv) > 3 else 500
     with tempfile.TemporaryDirectory() as out:
-        bench = [program, "bench", "--seconds", "5", "--baseline-rounds", str(rounds), "--out", out]
+        bench = [program, "bench", "--seconds", "20", "--out", out]
         subprocess.run(bench, capture_output=True, check=True)
         ours = json.loads((pathlib.Path(out) / "report.json").read_text())
     topics = {}
     for name, topic in ours["hops"].items():
         count = rounds if topic["payload_bytes"] < 1e7 else max(50, rounds // 4)
         copied = {name: measure(topic["payload_bytes"], count, name == "reused") for name in ["fresh", "reused"]}
-        hop = {"p50_us": topic["alone_p50_us"], "p99_us": topic["alone_p99_us"]}
+        hop = {"p50_us": topic["p50_us"], "p99_us": topic["p99_us"]}
         topics[name] = {
             "payload_bytes": topic["payload_bytes"],
             "fresh": copied["fresh"],

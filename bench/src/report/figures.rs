@@ -29,7 +29,7 @@ pub(crate) struct Resources {
     pub(crate) waiting_for_cpu: f64,
 }
 
-/// The figures that follow from the frames; machine, resources and baselines are the caller's.
+/// The figures that follow from the frames; machine, resources and sizes of messages are the caller's.
 pub(crate) fn report_of(frames: &[FrameRecord]) -> Value {
     let measured = measured(frames);
     let figures = series(&measured);
@@ -40,8 +40,7 @@ pub(crate) fn report_of(frames: &[FrameRecord]) -> Value {
     });
     let hops = by_name(HOPS, |hop| {
         let us = &figures.hand_over_us[hop];
-        json!({"payload_bytes": 0, "frames": us.len(), "p50_us": at(us, 0.5), "p99_us": at(us, 0.99),
-               "alone_p50_us": null, "alone_p99_us": null, "raw_p50_us": null, "raw_p99_us": null})
+        json!({"payload_bytes": 0, "frames": us.len(), "p50_us": at(us, 0.5), "p99_us": at(us, 0.99)})
     });
     let together_us = &figures.hops_together_us;
     let out = figures.delivered_us.len();

@@ -74,10 +74,6 @@ pub(crate) struct BenchTable {
     /// Starts of the processes over which the seconds are spread [default: 1; 4 when two things are compared].
     #[arg(long)]
     pub(crate) rounds: Option<u32>,
-    /// Messages by which the baselines of the hand-overs are measured; 0: they are left out [default: 200].
-    #[arg(long, visible_alias = "baseline-rounds")]
-    #[serde(alias = "baseline_rounds")]
-    pub(crate) floor_rounds: Option<usize>,
     /// Seconds until a pipeline that gives no objects is given up [default: 60].
     #[arg(long = "patience", value_name = "SECONDS")]
     pub(crate) patience_seconds: Option<f64>,
@@ -97,7 +93,6 @@ impl BenchTable {
             seconds: self.seconds.or(table.seconds),
             warm_up_seconds: self.warm_up_seconds.or(table.warm_up_seconds),
             rounds: self.rounds.or(table.rounds),
-            floor_rounds: self.floor_rounds.or(table.floor_rounds),
             patience_seconds: self.patience_seconds.or(table.patience_seconds),
         }
     }

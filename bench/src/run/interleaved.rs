@@ -84,7 +84,7 @@ impl Side {
     /// One start of the processes.
     fn measure(&self, plan: &Plan, folder: &Path) -> Result<()> {
         let mut command = Command::new(&self.program);
-        command.args(["bench", "--rounds", "1", "--floor-rounds", "0", "--out"]);
+        command.args(["bench", "--rounds", "1", "--out"]);
         command.arg(folder).args(plan.shared_arguments());
         for (key, seconds) in [
             ("--seconds", plan.round_seconds()),

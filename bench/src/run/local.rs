@@ -6,7 +6,6 @@ use anyhow::Result;
 use mluc::EXIT_WARNINGS;
 use mluc::terminal::print_out;
 
-use super::baselines::baselines;
 use super::folder;
 use super::measured::Measured;
 use super::plan::Plan;
@@ -24,21 +23,7 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
             break;
         }
     }
-    let mut report = measured.report(plan, &quiet);
-    let messages = if measured.is_interrupted {
-        0
-    } else {
-        plan.baseline_rounds
-    };
-    let (baselines, warning) = baselines(measured.payload_bytes, messages, &progress);
-    for (topic, own) in baselines.as_object().into_iter().flatten() {
-        for (key, value) in own.as_object().into_iter().flatten() {
-            report["hops"][topic][key] = value.clone();
-        }
-    }
-    if let (Some(warnings), Some(text)) = (report["warnings"].as_array_mut(), warning) {
-        warnings.push(text.into());
-    }
+    let report = measured.report(plan, &quiet);
     drop(progress);
     folder::write(out, &report, &measured.frames, &measured.samples)?;
     print_out(table(&report)?.trim_end())?;

@@ -9,13 +9,13 @@ use super::plan::Plan;
 use super::quiet::Quiet;
 use super::round::frames;
 use crate::machine::{describe_build, describe_machine};
-use crate::report::{FrameRecord, Resources, STAGES, Sample, number, report_of};
+use crate::report::{FrameRecord, HOPS, Resources, STAGES, Sample, number, report_of};
 
 #[derive(Default)]
 pub(crate) struct Measured {
     pub(crate) frames: Vec<FrameRecord>,
     pub(crate) samples: Vec<Sample>,
-    pub(crate) payload_bytes: [u64; 4],
+    payload_bytes: [u64; 4],
     pub(crate) is_interrupted: bool,
     /// By round and stage.
     resources: Vec<[Resources; 4]>,
@@ -88,7 +88,7 @@ impl Measured {
         }
     }
 
-    /// The report without the baselines.
+    /// The whole report.
     pub(crate) fn report(&self, plan: &Plan, quiet: &Quiet) -> Value {
         let mut report = report_of(&self.frames);
         report["title"] = plan.title().into();
@@ -98,6 +98,9 @@ impl Measured {
         report["scenario"] = plan.describe();
         for (stage, name) in STAGES.iter().enumerate() {
             report["stages"][name]["resources"] = json!(self.resources_of(stage));
+        }
+        for (hop, bytes) in HOPS.iter().zip(self.payload_bytes) {
+            report["hops"][hop]["payload_bytes"] = bytes.into();
         }
         report["warnings"] = self.warnings(plan, &report, quiet).into();
         report

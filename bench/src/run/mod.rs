@@ -3,7 +3,6 @@
 //! `report` computes figures from the records; here is what touches the machine. Exit codes are those of `mluc`.
 
 mod arguments;
-mod baselines;
 mod compare;
 mod folder;
 mod interleaved;
@@ -26,12 +25,7 @@ use plan::Plan;
 
 /// The whole program.
 pub fn program() -> ExitCode {
-    let result = match crate::transport::serve_peer() {
-        Ok(true) => return ExitCode::SUCCESS,
-        Ok(false) => run(Cli::parse()),
-        Err(error) => Err(error),
-    };
-    mluc::exit_code("mluc-bench", result)
+    mluc::exit_code("mluc-bench", run(Cli::parse()))
 }
 
 fn run(cli: Cli) -> anyhow::Result<ExitCode> {

@@ -31,7 +31,6 @@ const RATE_HZ_MAX: f64 = 1000.0;
 /// When two are compared: each starts so often.
 const ROUNDS_COMPARED: u32 = 4;
 const ROUNDS_MAX: u32 = 1000;
-const BASELINE_ROUNDS: usize = 200;
 const PATIENCE_SECONDS: f64 = 60.0;
 
 pub(crate) struct Plan {
@@ -49,7 +48,6 @@ pub(crate) struct Plan {
     pub(crate) seconds: f64,
     pub(crate) warm_up_seconds: f64,
     pub(crate) rounds: u32,
-    pub(crate) baseline_rounds: usize,
     pub(crate) patience: Duration,
     pub(crate) model: Model,
     stages: Value,
@@ -110,7 +108,6 @@ impl Plan {
             seconds: within("seconds", seconds, 0.1..=SECONDS_MAX)?,
             warm_up_seconds: within("warm-up", warm_up, 0.0..=SECONDS_MAX)?,
             rounds,
-            baseline_rounds: table.floor_rounds.unwrap_or(BASELINE_ROUNDS).min(1_000_000),
             patience: Duration::from_secs_f64(patience),
             model: model::load(&model_name)?,
             stages: json!(document.get("stages")),

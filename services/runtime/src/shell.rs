@@ -11,7 +11,7 @@ use crate::health::Heartbeat;
 use crate::input::Wake;
 use crate::manager::Manager;
 use crate::mapping::{self, Prefault};
-use crate::node::{DataService, IpcNode, WakeService};
+use crate::node::IpcNode;
 use crate::run::{self, RunWatch};
 use crate::{
     Claim, HealthWatch, Input, Instance, Membership, Message, Output, Payload, RuntimeError,
@@ -238,12 +238,6 @@ impl Shell {
     /// The consumer's end of a topic that this process only looks at.
     pub fn side_input<T: Payload>(&self, topic: &Topic) -> Result<Input<T>> {
         self.open_input(topic, false)
-    }
-
-    /// iceoryx2's own services of a topic, its data's and its wake-up's: for measurements of iceoryx2 alone.
-    pub fn services<T: Payload>(&self, topic: &Topic) -> Result<(DataService<T>, WakeService)> {
-        let data = self.node.open_data(topic, topic.name)?;
-        Ok((data, self.node.open_wake(topic, topic.name)?))
     }
 
     fn open_input<T: Payload>(&self, topic: &Topic, wakes: bool) -> Result<Input<T>> {
