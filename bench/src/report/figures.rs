@@ -40,7 +40,7 @@ pub(crate) fn report_of(frames: &[FrameRecord]) -> Value {
     });
     let hops = by_name(HOPS, |hop| {
         let us = &figures.hand_over_us[hop];
-        json!({"payload_bytes": 0, "frames": us.len(), "p50_us": at(us, 0.5), "p99_us": at(us, 0.99)})
+        json!({"frames": us.len(), "p50_us": at(us, 0.5), "p99_us": at(us, 0.99)})
     });
     let together_us = &figures.hops_together_us;
     let out = figures.delivered_us.len();

@@ -30,7 +30,7 @@ const RELIABLE_BLOCKING: rustdds::Duration = rustdds::Duration::ZERO;
 /// As [`Source::open`], and `ros2:/TOPIC`.
 pub(crate) fn open(input: &Path, layout: &Layout, repeat: bool) -> anyhow::Result<Source> {
     match ros2_topic(input) {
-        Some(name) => Ok(Source::live(Clouds::open(name, layout)?)),
+        Some(name) => Source::live(Clouds::open(name, layout)?, layout),
         None => Source::open(input, layout, repeat),
     }
 }

@@ -122,13 +122,26 @@ pub fn ros2_topic(input: &Path) -> Option<&str> {
 }
 
 impl Source {
-    /// A source of another program's kind.
-    pub fn live(scans: impl LiveScans + 'static) -> Source {
-        Source {
-            kind: Kind::Live(Box::new(scans)),
-            repeat: false,
-            shard: None,
+    /// A source of another program's kind. Errors: the layout asks for a part of it.
+    pub fn live(scans: impl LiveScans + 'static, layout: &Layout) -> anyhow::Result<Source> {
+        Source::of(Kind::Live(Box::new(scans)), false, layout.shard)
+    }
+
+    fn of(kind: Kind, repeat: bool, shard: Option<[u32; 2]>) -> anyhow::Result<Source> {
+        let is_whole = repeat || matches!(kind, Kind::Live(_) | Kind::Merged(_));
+        if shard.is_some() && is_whole {
+            let expected = "one input of files, a capture or a recording, once";
+            return Ok(refused(
+                "shard",
+                expected,
+                "a live sensor, [[lidar]] or --loop",
+            )?);
         }
+        Ok(Source {
+            kind,
+            repeat,
+            shard,
+        })
     }
 
     /// Opens what `input` is: a file or folder of scans, a capture, a recording, or an address (`udp:2368`). `repeat`: after the last scan the first one comes again. Errors: what
@@ -158,17 +171,7 @@ impl Source {
             )),
         };
         has_poses.with_context(|| format!("input {}: deskew", input.display()))?;
-        let shard = layout.shard;
-        if shard.is_some() && (repeat || matches!(kind, Kind::Live(_))) {
-            let expected = "files, captures or recordings, once each";
-            refused("shard", expected, "a live sensor or --loop")
-                .with_context(|| format!("input {}", input.display()))?;
-        }
-        Ok(Source {
-            kind,
-            repeat,
-            shard,
-        })
+        Source::of(kind, repeat, layout.shard).with_context(|| format!("input {}", input.display()))
     }
 
     /// The first of several sensors, or this one.

@@ -12,7 +12,7 @@ use nalgebra::{IsometryMatrix3, Point3, Rotation3, Translation3};
 use serde::{Deserialize, Serialize};
 
 use crate::files::Layout;
-use crate::{Kind, Next, Open, Scan, Source, refused};
+use crate::{Kind, Next, Open, Scan, Source};
 
 /// `[[lidar]]`: one of several sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -72,12 +72,10 @@ impl Source {
         tolerance_ms: u64,
         open: Open,
     ) -> anyhow::Result<Source> {
-        if layout.shard.is_some() {
-            refused::<()>("shard", "one input", "[[lidar]]")?;
-        }
         let frame_from_base = pose(base_from_frame).inverse();
         let part = |lidar: &Lidar| {
             let (name, mut layout) = (lidar.name.clone(), layout.clone());
+            layout.shard = None;
             layout.calibration = lidar.calibration.clone().or(layout.calibration);
             layout.topic = lidar.topic.clone().or(layout.topic);
             if layout.deskew {
@@ -103,12 +101,7 @@ impl Source {
             frame: None,
             missing: String::new(),
         });
-        let repeat = false;
-        Ok(Source {
-            kind,
-            repeat,
-            shard: None,
-        })
+        Source::of(kind, false, layout.shard)
     }
 }
 
@@ -331,16 +324,25 @@ mod tests {
             calibration: None,
             topic: None,
         });
-        let open: Open = |input, _, _| {
+        let open: Open = |input, layout, _| {
             let stamps = input
                 .to_str()
                 .unwrap()
                 .split(',')
                 .map(|ms| ms.parse().unwrap());
-            Ok(Source::live(Stamped(
-                stamps.collect::<Vec<_>>().into_iter(),
-            )))
+            let stamps = stamps.collect::<Vec<_>>().into_iter();
+            Source::live(Stamped(stamps), layout)
         };
+        // Several, or a live one, have no parts.
+        let part = Layout {
+            shard: Some([0, 2]),
+            ..Layout::default()
+        };
+        let merged = Source::merge(&lidars, &part, [0.0; 6], 50, open);
+        for refused in [merged, open(&lidars[0].input, &part, false)] {
+            let error = refused.err().expect("an error").to_string();
+            assert!(error.starts_with("shard: expected"), "{error}");
+        }
         let mut source = Source::merge(&lidars, &Layout::default(), [0.0; 6], 50, open).unwrap();
         let mut missing = |sequence| {
             assert_eq!(
