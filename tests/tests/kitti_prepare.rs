@@ -1,8 +1,7 @@
 //! A recorded benchmark in the trainer's form: the folder that the test writes, and real scans where `MLUC_KITTI` holds them.
 
-use mluc_dataset::{Dataset, PrepareOptions, Splits, UnknownPolicy, prepare};
-use mluc_reproduce::audit;
-use mluc_tests::{assert_has, data_folder, write_file};
+use mluc_dataset::{Dataset, PrepareOptions, Splits, prepare};
+use mluc_tests::{data_folder, write_file};
 use std::path::{Path, PathBuf};
 
 /// A camera like KITTI's, at the sensor.
@@ -52,71 +51,45 @@ fn options(root: &Path, lists: Option<&Path>, out: PathBuf) -> PrepareOptions {
             folder: lists.map(Path::to_owned),
         },
         split: "train".to_owned(),
-        policy: None,
+        drop_unknown: false,
         unknown: vec!["van".to_owned(), "truck".to_owned()],
         out,
     }
 }
 
-fn prepared(options: PrepareOptions, policy: Option<UnknownPolicy>) -> Dataset {
-    let options = PrepareOptions { policy, ..options };
+fn prepared(options: PrepareOptions) -> Dataset {
     prepare(&options, || ()).expect("prepared");
     Dataset::open_split(&options.out, "train").expect("a split")
 }
 
 #[test]
-fn each_policy_does_what_its_name_says() {
+fn frames_with_unknown_objects_stay_or_go() {
     let folder = tempfile::tempdir().expect("a folder");
     let root = benchmark(folder.path());
     let classes = |dataset: &Dataset, name: &str| -> Vec<String> {
         let labels = dataset.labels(name).expect("labels");
         labels.into_iter().map(|label| label.class).collect()
     };
-    let prepared = |policy, out: &str| {
+    let prepared = |drop_unknown, out: &str| {
         let out = folder.path().join(out);
-        prepared(options(&root, None, out), policy)
+        let options = options(&root, None, out);
+        prepared(PrepareOptions {
+            drop_unknown,
+            ..options
+        })
     };
 
-    let kept = prepared(None, "keep");
+    let kept = prepared(false, "keep");
     assert_eq!(kept.names(), ["000001", "000000", "000002"]);
     assert_eq!(classes(&kept, "000001"), ["Car", "Van"]);
     assert_eq!(kept.scan("000001").expect("a scan"), POINTS[..2]);
     assert!(kept.plane_path("000001").is_file());
+    // Trams are neither known nor unknown: ignored.
+    assert_eq!(classes(&kept, "000002"), ["Car", "Tram"]);
 
-    let dropped = prepared(Some(UnknownPolicy::DropFrames), "drop");
+    let dropped = prepared(true, "drop");
     assert_eq!(dropped.names(), ["000000", "000002"]);
     assert!(!folder.path().join("drop/velodyne/000001.bin").exists());
-
-    let erased = prepared(Some(UnknownPolicy::Erase), "erase");
-    assert_eq!(erased.scan("000001").expect("a scan"), POINTS[..1]);
-    // The label stays: the trainer ignores the place of what it has no class for.
-    assert_eq!(classes(&erased, "000001"), ["Car", "Van"]);
-
-    let background = prepared(Some(UnknownPolicy::Background), "background");
-    assert_eq!(background.scan("000001").expect("a scan"), POINTS[..2]);
-    assert_eq!(classes(&background, "000001"), ["Car"]);
-    // Trams are neither known nor unknown: ignored under any policy.
-    assert_eq!(classes(&background, "000002"), ["Car", "Tram"]);
-}
-
-#[test]
-fn the_audit_counts_what_the_paper_may_have_counted() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let options = options(&benchmark(folder.path()), None, PathBuf::new());
-    let split = options.splits.open("train").expect("a split");
-    let train = audit(&split, "train").expect("counts");
-    assert_eq!((train.frames, train.with_unknown), (3, 1));
-    // The van is too occluded to count at moderate; the known objects below are the cars of the two frames without it.
-    assert_eq!(train.classes[1], [1, 0, 1, 0]);
-    let text = train.to_markdown();
-    assert_has(
-        &text,
-        &[
-            "3 frames: 1 with a van or truck, 2 without",
-            "| Car | 3 | 3 | 1 | 1 |",
-            "| known, frames without unknown | 2 | 8690 (train) |",
-        ],
-    );
 }
 
 #[test]
@@ -149,8 +122,7 @@ fn nothing_is_written_where_something_is_wrong() {
     assert!(fault(&options).contains("expected a new folder"));
 }
 
-/// On the real frames: what the camera sees of a scan is a sixth of it, every labelled object keeps its points, and the
-/// erased ones lose theirs.
+/// On the real frames: what the camera sees of a scan is a sixth of it, every labelled object keeps its points.
 #[test]
 fn real_scans_keep_the_points_of_labelled_objects() {
     let Some(folder) = data_folder("MLUC_KITTI") else {
@@ -160,11 +132,8 @@ fn real_scans_keep_the_points_of_labelled_objects() {
     let original = Dataset::open(&root.join("training")).expect("real scans");
     let lists = tempfile::tempdir().expect("a folder");
     std::fs::write(lists.path().join("train.txt"), original.names().join("\n")).expect("written");
-    let of = |policy, out: &str| {
-        let out = lists.path().join(out);
-        prepared(options(&root, Some(lists.path()), out), policy)
-    };
-    let (kept, erased) = (of(None, "keep"), of(Some(UnknownPolicy::Erase), "erase"));
+    let out = lists.path().join("keep");
+    let kept = prepared(options(&root, Some(lists.path()), out));
     let count = |dataset: &Dataset, unknown: bool| -> (usize, usize) {
         let (mut inside, mut all) = (0, 0);
         for name in original.names() {
@@ -183,8 +152,4 @@ fn real_scans_keep_the_points_of_labelled_objects() {
     println!("points of known objects {after} of {before}, of all {seen} of {all}");
     assert!(after * 100 >= before * 99 && seen * 4 < all);
     assert!(count(&kept, true).0 > 500);
-    assert_eq!(count(&erased, true).0, 0);
-    let counts = audit(&original, "all").expect("counts");
-    assert!(counts.frames == original.names().len() && counts.with_unknown > 0);
-    println!("{}", counts.to_markdown());
 }

@@ -1,14 +1,16 @@
 //! `mluc bench compare A B`.
 
+use std::path::Path;
 use std::process::ExitCode;
 
+use anyhow::Result;
 use mluc::EXIT_WARNINGS;
 use mluc::terminal::print_out;
 use serde_json::{Value, json};
 
 use super::arguments::CompareArgs;
 use super::folder;
-use crate::report::{Verdict, compare};
+use crate::report::{Comparison, Verdict, compare};
 
 /// What should be the same in two reports for their difference to mean anything.
 const SAME: [(&str, &str); 6] = [
@@ -20,22 +22,15 @@ const SAME: [(&str, &str); 6] = [
     ("/scenario/scans", "scans"),
 ];
 
-pub(crate) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
-    let (a, frames_a) = folder::read(&args.a)?;
-    let (b, frames_b) = folder::read(&args.b)?;
-    let comparison = compare([&frames_a, &frames_b], others_of([&a, &b]))?;
-    let notes = notes([&a, &b]);
+pub(crate) fn compare_folders(args: &CompareArgs) -> Result<ExitCode> {
+    let names = [&args.a, &args.b].map(|path| path.display().to_string());
+    let (comparison, value) = compared([&args.a, &args.b], names.each_ref().map(|n| &**n))?;
     if args.json {
-        let mut value = serde_json::to_value(&comparison)?;
-        value["sentence"] = json!(comparison.sentence());
-        value["notes"] = json!(notes);
         print_out(&value)?;
     } else {
-        let names = [&args.a, &args.b].map(|path| path.display().to_string());
-        let table = comparison.table(names.each_ref().map(String::as_str))?;
-        print_out(table.trim_end())?;
-        for note in &notes {
-            print_out(format_args!("note: {note}"))?;
+        print_out(comparison.table(names.each_ref().map(|n| &**n))?.trim_end())?;
+        for note in value["notes"].as_array().into_iter().flatten() {
+            print_out(format_args!("note: {}", note.as_str().unwrap_or_default()))?;
         }
     }
     let mut rows = comparison.rows.iter();
@@ -44,14 +39,21 @@ pub(crate) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::from(if is_failed { EXIT_WARNINGS } else { 0 }))
 }
 
-/// Share of all cores that others took during two reports: the larger one.
-pub(crate) fn others_of(reports: [&Value; 2]) -> f64 {
-    let [a, b] = reports.map(others);
-    a.max(b).clamp(0.0, 1.0)
+/// What two reports' folders say of each other, and the same as JSON with what makes it weak.
+pub(crate) fn compared(folders: [&Path; 2], names: [&str; 2]) -> Result<(Comparison, Value)> {
+    let (a, frames_a) = folder::read(folders[0])?;
+    let (b, frames_b) = folder::read(folders[1])?;
+    let others = others(&a).max(others(&b)).clamp(0.0, 1.0);
+    let comparison = compare([&frames_a, &frames_b], others)?;
+    let mut value = serde_json::to_value(&comparison)?;
+    value["sentence"] = json!(comparison.sentence());
+    value["names"] = json!(names);
+    value["notes"] = json!(notes([&a, &b]));
+    Ok((comparison, value))
 }
 
 /// What makes a comparison weak.
-pub(crate) fn notes([a, b]: [&Value; 2]) -> Vec<String> {
+fn notes([a, b]: [&Value; 2]) -> Vec<String> {
     let mut notes = Vec::new();
     for (pointer, name) in SAME {
         let of = [a, b].map(|report| report.pointer(pointer));

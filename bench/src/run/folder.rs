@@ -4,12 +4,9 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use mluc::terminal::print_out;
-use serde_json::{Value, json};
+use serde_json::Value;
 
-use crate::report::{
-    Comparison, FrameRecord, Sample, check_version, page, read_frames, write_frames,
-};
+use crate::report::{FrameRecord, Sample, check_version, page, read_frames, write_frames};
 use crate::save;
 
 /// Of the two reports of a comparison.
@@ -47,24 +44,4 @@ pub(crate) fn read(folder: &Path) -> Result<(Value, Vec<FrameRecord>)> {
     let frames = read_frames(&read("frames.csv")?).with_context(place)?;
     ensure!(!frames.is_empty(), "{}: frames.csv holds no frame", place());
     Ok((report, frames))
-}
-
-/// Writes and prints what a comparison of two reports in `folder` found; `value` is its JSON.
-pub(crate) fn write_comparison(
-    folder: &Path,
-    names: [&str; 2],
-    comparison: &Comparison,
-    mut value: Value,
-) -> Result<()> {
-    let text = comparison.table(names)?;
-    value["sentence"] = json!(comparison.sentence());
-    value["names"] = json!(names);
-    save(folder, "comparison.txt", &text)?;
-    let json = serde_json::to_string_pretty(&value)?;
-    save(folder, "comparison.json", json)?;
-    print_out(text.trim())?;
-    let folder = folder.display();
-    print_out(format_args!(
-        "reports: {folder}/a/report.html, {folder}/b/report.html"
-    ))
 }

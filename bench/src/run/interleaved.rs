@@ -7,13 +7,15 @@ use std::process::{Command, ExitCode, Stdio};
 
 use anyhow::{Context, Result, ensure};
 use mluc::EXIT_WARNINGS;
+use mluc::terminal::print_out;
 use serde_json::Value;
 
-use super::compare::{notes, others_of};
+use super::compare::compared;
 use super::folder::{self, FOLDERS};
 use super::plan::Plan;
 use super::{progress, show};
-use crate::report::{FrameRecord, compare, number, report_of};
+use crate::report::{FrameRecord, number, report_of};
+use crate::save;
 
 struct Side {
     name: String,
@@ -70,13 +72,19 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
         is_flawed |= number(&report, "/frames/dropped") > Some(0.0);
         folder::write(&out.join(name), &report, &side.frames, &[])?;
     }
-    let facts = [&sides[0].facts, &sides[1].facts];
-    let frames = sides.each_ref().map(|side| &side.frames[..]);
-    let comparison = compare(frames, others_of(facts))?;
+    let folders = FOLDERS.map(|name| out.join(name));
     let names = sides.each_ref().map(|side| side.name.as_str());
-    let mut value = serde_json::to_value(&comparison)?;
-    value["notes"] = notes(facts).into();
-    folder::write_comparison(out, names, &comparison, value)?;
+    let (comparison, value) = compared(folders.each_ref().map(|folder| &**folder), names)?;
+    let text = comparison.table(names)?;
+    save(out, "comparison.txt", &text)?;
+    save(
+        out,
+        "comparison.json",
+        serde_json::to_string_pretty(&value)?,
+    )?;
+    print_out(text.trim())?;
+    let [a, b] = folders.map(|folder| folder.join("report.html"));
+    print_out(format_args!("reports: {}, {}", a.display(), b.display()))?;
     Ok(ExitCode::from(if is_flawed { EXIT_WARNINGS } else { 0 }))
 }
 

@@ -30,7 +30,7 @@ pub use kitti::{
     is_recognized, unseen_classes,
 };
 pub use label::{Label, read_detections, read_labels};
-pub use prepare::{PrepareOptions, UnknownPolicy, prepare};
+pub use prepare::{PrepareOptions, prepare};
 pub use scan::{read_scan, scan_bytes};
 
 use std::io::{Error, ErrorKind};

@@ -1,47 +1,19 @@
-//! Bringing a split of recorded scans into the trainer's form: only what the camera sees, unknown objects by policy.
+//! Bringing a split of recorded scans into the trainer's form: only what the camera sees; frames with unknown objects can be left out.
 //!
 //! KITTI labels what its camera sees; the rest of the circle is unlabelled, so its points go. Labels, calibrations and road
 //! planes are copied; the list of frames lies in `ImageSets`.
 
 use super::{
-    Dataset, DatasetError, KITTI_CLASSES, Label, Result, Splits, check_classes, check_files,
-    make_folders, read_text, scan_bytes, write_file,
+    Dataset, DatasetError, KITTI_CLASSES, Result, Splits, check_classes, check_files, make_folders,
+    read_text, scan_bytes, write_file,
 };
 use crate::whole_file::beside;
-use mluc_geometry::{Box3, Calibration, ImageSize, Inside};
+use mluc_geometry::{Calibration, ImageSize};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Points that project so far beside the image still belong to things in it, px. KITTI's images differ by a few pixels in size.
 const IMAGE_MARGIN_PX: f64 = 10.0;
-/// An erased box is that much larger on every side, m: drawn boxes are not exact.
-const ERASE_MARGIN_M: f64 = 0.2;
-
-/// What training on recorded scans sees of objects that are to stay unknown. The paper does not say; its object counts fit the first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum UnknownPolicy {
-    /// A: frames with any unknown object are left out. No leakage of any kind; fits the paper's counts.
-    DropFrames,
-    /// B: their points are deleted, their place is ignored. More data; their shadows stay.
-    Erase,
-    /// C: points stay, labels go: unknown objects are trained as background. Wrong for open sets; for comparison.
-    Background,
-}
-
-impl UnknownPolicy {
-    /// All of them.
-    pub const ALL: [UnknownPolicy; 3] = [
-        UnknownPolicy::DropFrames,
-        UnknownPolicy::Erase,
-        UnknownPolicy::Background,
-    ];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        ["drop_frames", "erase", "background"][self as usize]
-    }
-}
-
 /// What to write.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PrepareOptions {
@@ -49,8 +21,9 @@ pub struct PrepareOptions {
     pub splits: Splits,
     /// Which split.
     pub split: String,
-    /// What becomes of unknown objects; `None`: they stay, labelled (for judging, and for the supervised network).
-    pub policy: Option<UnknownPolicy>,
+    /// Leave out frames with any unknown object: for training. The paper does not say how it did that; its object counts fit this. Without it
+    /// they stay, labelled (for judging, and for the supervised network).
+    pub drop_unknown: bool,
     /// Classes that are to stay unknown.
     pub unknown: Vec<String>,
     /// Folder to write; must not exist.
@@ -95,34 +68,21 @@ pub fn prepare(options: &PrepareOptions, step: impl Fn() + Sync) -> Result<()> {
 
 /// One frame; whether it was kept.
 fn frame(options: &PrepareOptions, dataset: &Dataset, name: &str, out: &Path) -> Result<bool> {
-    let policy = options.policy;
-    let is_unknown = |class: &str| {
-        let mut unknown = options.unknown.iter();
-        unknown.any(|name| name.eq_ignore_ascii_case(class))
-    };
-    let mut labels = dataset.labels(name)?;
-    labels.retain(|label| is_unknown(&label.class));
-    if policy == Some(UnknownPolicy::DropFrames) && !labels.is_empty() {
-        return Ok(false);
+    if options.drop_unknown {
+        let labels = dataset.labels(name)?;
+        let is_unknown = |unknown: &String| labels.iter().any(|label| label.is(unknown));
+        if options.unknown.iter().any(is_unknown) {
+            return Ok(false);
+        }
     }
     let calibration = dataset.calibration(name)?;
     let mut points = dataset.scan(name)?;
     points.retain(|point| in_view(&calibration, point));
-    if policy == Some(UnknownPolicy::Erase) {
-        let in_sensor = |label: &Label| calibration.box_in_sensor_from_label(&label.camera_box);
-        erase(&mut points, labels.iter().map(in_sensor));
-    }
     let scan = out.join(format!("velodyne/{name}.bin"));
     write_file(&scan, &scan_bytes(&points))?;
     // Lines go over as they are, track ids and all.
-    let is_left_out = |line: &str| {
-        let class = line.split_whitespace().next();
-        policy == Some(UnknownPolicy::Background) && class.is_some_and(is_unknown)
-    };
-    let labels = read_text(&dataset.label_path(name))?;
-    let lines = labels.lines().filter(|line| !is_left_out(line));
     let mut texts = vec![
-        ("label_2", lines.map(|line| format!("{line}\n")).collect()),
+        ("label_2", read_text(&dataset.label_path(name))?),
         ("calib", read_text(&dataset.calibration_path(name))?),
     ];
     let plane = dataset.plane_path(name);
@@ -134,12 +94,6 @@ fn frame(options: &PrepareOptions, dataset: &Dataset, name: &str, out: &Path) ->
         write_file(&file, text.as_bytes())?;
     }
     Ok(true)
-}
-
-/// Deletes the points in boxes (sensor frame), each enlarged by [`ERASE_MARGIN_M`] on every side.
-fn erase(points: &mut Vec<[f32; 4]>, boxes: impl Iterator<Item = Box3>) {
-    let enlarged: Vec<Inside> = boxes.map(|b| Inside::of(&b, ERASE_MARGIN_M)).collect();
-    points.retain(|point| !enlarged.iter().any(|b| b.has_point(point)));
 }
 
 /// Whether a point lies in the camera's view; all do where there is no camera.
@@ -154,17 +108,4 @@ fn in_view(calibration: &Calibration, &[x, y, z, _]: &[f32; 4]) -> bool {
         (-IMAGE_MARGIN_PX..f64::from(size_px) + IMAGE_MARGIN_PX).contains(&at)
     };
     inside(u, ImageSize::KITTI.width_px) && inside(v, ImageSize::KITTI.height_px)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn points_in_and_just_beside_a_box_are_erased() {
-        let b = Box3::new([10.0, 0.0, 0.0, 4.0, 2.0, 2.0, 0.0]);
-        let mut points = [10.0, 12.1, 12.3, 0.0].map(|x| [x, 0.0, 0.0, 0.5]).to_vec();
-        erase(&mut points, [b].into_iter());
-        assert_eq!(points, [[12.3, 0.0, 0.0, 0.5], [0.0, 0.0, 0.0, 0.5]]);
-    }
 }

@@ -7,7 +7,6 @@
 //! What it leaves out: the clock and the machine. Figures depend on the data, the networks and the seeds alone.
 
 mod assemble;
-mod audit;
 mod combine;
 mod evaluate;
 mod evaluated;
@@ -24,7 +23,6 @@ mod setting;
 mod simulate;
 mod train;
 
-pub use audit::{Audit, ObjectCounts, audit};
 pub use kitti::KittiSource;
 pub use layout::Layout;
 pub use options::{Options, Screen};

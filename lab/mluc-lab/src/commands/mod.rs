@@ -1,7 +1,6 @@
 //! One subcommand a file.
 
 mod adapt;
-mod audit;
 mod evaluate;
 mod export;
 mod import;
@@ -19,7 +18,6 @@ use clap::Subcommand;
 #[derive(Subcommand)]
 pub(crate) enum Command {
     Adapt(adapt::AdaptArguments),
-    Audit(audit::AuditArguments),
     Evaluate(evaluate::EvaluateArguments),
     Export(export::ExportArguments),
     Import(import::ImportArguments),
@@ -35,7 +33,6 @@ pub(crate) enum Command {
 pub(crate) fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Adapt(arguments) => adapt::run(arguments),
-        Command::Audit(arguments) => audit::run(arguments),
         Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::Export(arguments) => export::run(arguments),
         Command::Import(arguments) => import::run(arguments),

@@ -4,7 +4,6 @@ use super::terminal::{Progress, Threads, one_of, print_out};
 use super::train::commit;
 use anyhow::{Context, bail};
 use clap::Args;
-use mluc_dataset::UnknownPolicy;
 use mluc_reproduce::{KittiSource, Layout, Options, Screen, Setting, Size, run};
 use std::path::PathBuf;
 
@@ -55,10 +54,6 @@ pub(crate) struct ReproduceArguments {
     /// Folder with train.txt and val.txt [default: ImageSets in or beside --root].
     #[arg(long, value_name = "DIR", requires = "dataset")]
     splits: Option<PathBuf>,
-    /// What training sees of vans and trucks: drop_frames, nothing (fits the paper's counts); erase, points deleted and their
-    /// place ignored; background, points alone (wrong for open sets, for comparison).
-    #[arg(long, value_parser = one_of(&UnknownPolicy::ALL, UnknownPolicy::name), default_value = "drop_frames")]
-    policy: UnknownPolicy,
     #[command(flatten)]
     threads: Threads,
 }
@@ -84,7 +79,6 @@ impl ReproduceArguments {
         let kitti = self.root.as_ref().map(|root| KittiSource {
             root: root.clone(),
             splits: self.splits.clone(),
-            policy: self.policy,
         });
         Ok(Options {
             layout: Layout {
@@ -109,8 +103,7 @@ impl ReproduceArguments {
     fn command(&self, size: Size) -> String {
         let mut text = "mluc-lab reproduce".to_owned();
         if let Some(dataset) = &self.dataset {
-            let policy = self.policy.name();
-            text += &format!(" --dataset {dataset} --root DIR --policy {policy}");
+            text += &format!(" --dataset {dataset} --root DIR");
         } else if let Some(setting) = self.setting {
             text += &format!(" --setting {}", setting.trainer_name());
         }

@@ -1,0 +1,146 @@
+//! `mluc-contract`: our refiners and the examples in Python and C++ pass, a program with a fault does not.
+
+use std::process::Command;
+use std::time::Duration;
+
+use mluc_tests::{
+    Finished, Running, Setting, built_program, cpp_example, python_example, untrained_model,
+};
+use serde_json::Value;
+
+/// `mluc-contract KIND OPTIONS`, before which a refiner gets a model.
+fn contract(kind: &str, options: &[&str]) -> Finished {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut program = Command::new(env!("CARGO_BIN_EXE_mluc-contract"));
+    program.arg(kind);
+    if kind == "refiner" {
+        program.arg("--model").arg(untrained_model(folder.path()));
+    }
+    Running::start(program.args(options)).finish_within(Duration::from_secs(600))
+}
+
+/// Exit code and reports, one a program.
+fn suite(kind: &str, options: &[&str]) -> (Option<i32>, Vec<Value>) {
+    let run = contract(kind, &[&["--json"], options].concat());
+    let reports = run.lines.first().and_then(Value::as_array);
+    let reports = reports.unwrap_or_else(|| panic!("no list of reports: {}", run.log));
+    (run.code, reports.clone())
+}
+
+/// The same of one program.
+fn suite_of(kind: &str, options: &[&str], command: &[String]) -> (Option<i32>, Value) {
+    let command: Vec<&str> = command.iter().map(String::as_str).collect();
+    let (code, mut reports) = suite(kind, &[options, &["--"], &command].concat());
+    assert_eq!(reports.len(), 1);
+    (code, reports.remove(0))
+}
+
+#[test]
+fn our_refiner_passes_in_every_mode() {
+    let (code, reports) = suite("refiner", &[]);
+    for report in &reports {
+        assert_eq!(report["failed"], 0, "{report:#}");
+        assert_eq!(report["passed"], 18, "{report:#}");
+        let text = |case: &str| {
+            let cases = report["cases"].as_array().expect("cases");
+            let case = cases.iter().find(|c| c["name"] == case).expect("the case");
+            case.to_string()
+        };
+        // What the contract leaves open, ours does.
+        for (case, said) in [
+            ("scene", "health counts the candidates"),
+            ("sent_again", "the same objects"),
+            ("garbage_numbers", "30 survived: 0 refused"),
+        ] {
+            assert!(text(case).contains(said), "{case}: {}", text(case));
+        }
+    }
+    assert_eq!(code, Some(0));
+    assert_eq!(reports.len(), 4, "one report a variant");
+}
+
+#[test]
+fn the_examples_pass() {
+    let setting = Setting::new("suites", 40);
+    let scans = setting.input.display().to_string();
+    // Refiners: `foreign_refiners`, through `mluc refiner-test`.
+    for (kind, input, cases) in [("source", Some(&scans), 9), ("consumer", None, 11)] {
+        let examples = [python_example(kind), cpp_example(kind)];
+        for mut command in examples.into_iter().flatten() {
+            command.extend(input.cloned());
+            let (code, report) = suite_of(kind, &[], &command);
+            assert_eq!(code, Some(0), "{report:#}");
+            assert_eq!(report["passed"], cases, "{report:#}");
+        }
+    }
+}
+
+/// A sound program passes; one with each of `faults` (what is wrong, the case that must find it, words of the reason) does not.
+/// `program`: what starts it, before the fault's name.
+fn is_found_out(kind: &str, program: &[String], faults: &str) {
+    let of = |fault: &str, options: &[&str]| {
+        suite_of(kind, options, &[program, &[fault.to_string()]].concat())
+    };
+    let (code, report) = of("sound", &[]);
+    let found = (code, &report["failed"]);
+    assert_eq!(found, (Some(0), &Value::from(0)), "{report:#}");
+    for line in faults.lines() {
+        let words: Vec<&str> = line.split(" | ").collect();
+        let [fault, case, word] = words[..] else {
+            panic!("{line}")
+        };
+        let (code, report) = of(fault, &["--case", case, "--patience-s", "4"]);
+        let found = &report["cases"][0];
+        let what = found["what"].as_str().unwrap_or_default();
+        let is_found = code == Some(1)
+            && found["name"] == case
+            && found["passed"] == false
+            && what.contains(word);
+        assert!(is_found, "{fault}: no '{word}' in: {report:#}");
+    }
+}
+
+#[test]
+fn a_refiner_with_a_fault_is_found_out() {
+    let program = built_program("examples/wrong_refiner")
+        .display()
+        .to_string();
+    is_found_out("refiner", &[program], include_str!("faults_refiner.txt"));
+}
+
+/// Sources and consumers: the same in Python.
+fn script_is_found_out(kind: &str, faults: &str) {
+    if let Some(example) = python_example(kind) {
+        let script = format!("{}/tests/wrong_{kind}.py", env!("CARGO_MANIFEST_DIR"));
+        is_found_out(kind, &[example[0].clone(), script], faults);
+    }
+}
+
+#[test]
+fn a_source_with_a_fault_is_found_out() {
+    script_is_found_out("source", include_str!("faults_source.txt"));
+}
+
+#[test]
+fn a_consumer_with_a_fault_is_found_out() {
+    script_is_found_out("consumer", include_str!("faults_consumer.txt"));
+}
+
+#[test]
+fn a_program_that_is_none_fails_and_says_so() {
+    for program in ["/nowhere/refiner", "pythno", "false"] {
+        let (code, report) = suite_of("refiner", &["--patience-s", "2"], &[program.to_string()]);
+        assert_eq!(code, Some(1), "{report}");
+        let counts = ["passed", "failed", "not_run"].map(|key| report[key].as_u64());
+        assert_eq!(counts, [Some(0), Some(1), Some(17)], "{report}");
+        let what = report["cases"][0]["what"].as_str().expect("a reason");
+        assert!(what.contains(program) || program == "false", "{what}");
+    }
+}
+
+#[test]
+fn an_unknown_case_is_a_usage_error() {
+    let run = contract("refiner", &["--case", "overlod"]);
+    run.assert_ended(2, 0);
+    run.assert_says(&["--case: expected one of start, ", "found overlod"]);
+}
