@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 use mluc_backbone::Precision;
 use mluc_ipc_types::Stage;
+use mluc_kernels::Level;
 use mluc_model::{HeadKind, Model, ScoreMin, SensorProfile};
 use mluc_refiner::{RobotSettings, Settings as RefinerSettings, TrackSettings, Variant};
 use mluc_runtime::Instance;
@@ -119,6 +120,8 @@ pub struct Settings {
     pub status_lines: bool,
     /// Arithmetic of the backbone.
     pub precision: Precision,
+    /// Registers of a lesser processor, to measure what it would do; unset: the fastest of this one.
+    pub instruction_set: Option<String>,
     /// Check that each payload lies in shared memory.
     pub verify_mapping: bool,
     /// Times in a row that a stage may die by itself without a frame between.
@@ -162,6 +165,7 @@ impl Default for Settings {
             budget_ms: None,
             status_lines: false,
             precision: Precision::Auto,
+            instruction_set: None,
             verify_mapping: false,
             restart_limit: RESTART_LIMIT,
             on_restart_limit: RestartPolicy::default(),
@@ -333,6 +337,22 @@ impl Settings {
         scores.is_some() || self.min_score.and(self.min_unknown_score).is_some()
     }
 
+    /// What `instruction_set` names.
+    pub(crate) fn level(&self) -> Result<Option<Level>, UsageError> {
+        let Some(name) = &self.instruction_set else {
+            return Ok(None);
+        };
+        let all = Level::all();
+        if let Some(level) = all.iter().find(|level| level.name() == name) {
+            return Ok(Some(*level));
+        }
+        let names: Vec<_> = all.iter().map(|level| level.name()).collect();
+        let names = names.join(", ");
+        Err(UsageError(format!(
+            "instruction_set: this processor has {names}, found {name}"
+        )))
+    }
+
     pub(crate) fn check(&self) -> Result<(), UsageError> {
         let budget_ms = self.budget_ms.map(|ms| ms as f64);
         let lidars = self.lidar.len() as f64;
@@ -362,6 +382,7 @@ impl Settings {
             }
         }
         self.sensor.load()?;
+        self.level()?;
         if !self.lidar.is_empty() && (self.input.is_some() || self.repeat) {
             return refused("[[lidar]] goes without input and loop".to_string());
         }

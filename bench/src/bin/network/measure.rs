@@ -1,13 +1,11 @@
 //! One scan, many frames.
 
-use std::time::Instant;
-
 use anyhow::Result;
 use mluc_backbone::{Backbone, Precision};
 use mluc_head::Head;
 use mluc_model::{Manifest, WeightSet};
 
-use crate::report::{Frame, Record};
+use crate::report::{Frame, Record, Start};
 
 /// Frames before the clock counts: the first one, which has a time of its own, and one more.
 const UNTIMED: usize = 2;
@@ -30,8 +28,7 @@ pub(crate) fn measure(
     let last_sparse = last_sparse.map_or("", |layer| &layer.name);
     for round in 0..UNTIMED + rounds {
         let mut frame = Frame::default();
-        let start = Instant::now();
-        let mut last = start;
+        let (start, mut last) = (Start::now(), Start::now());
         let mut part = "voxelize";
         let count = backbone
             .run_in_steps(points, &mut |step| {
@@ -48,7 +45,7 @@ pub(crate) fn measure(
         frame.add("dense2d", "features", &mut last);
         head.run(cells, rows, &mut detections)?;
         frame.add("head", "head", &mut last);
-        frame.total_ms = start.elapsed().as_secs_f64() * 1e3;
+        frame.total_ms = start.elapsed_ms();
         match round {
             0 => record.first_ms.push(frame.total_ms),
             UNTIMED.. => record.frames.push(frame),

@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use mluc_geometry::quantile_of;
+use rustix::time::{ClockId, Timespec, clock_gettime};
 use serde_json::{Value, json};
 
 /// The parts of the network: rulebooks are in `sparse3d`, the fold of the height and the writing of feature rows in
@@ -11,20 +12,50 @@ pub(crate) const PARTS: [&str; 4] = ["voxelize", "sparse3d", "dense2d", "head"];
 
 #[derive(Default)]
 pub(crate) struct Frame {
-    steps: Vec<(&'static str, String, f64)>,
+    steps: Vec<Step>,
     pub(crate) total_ms: f64,
 }
 
+struct Step {
+    part: &'static str,
+    name: String,
+    ms: f64,
+    /// Of all threads.
+    cpu_ms: f64,
+}
+
+/// When a step began.
+pub(crate) struct Start(Instant, Timespec);
+
+impl Start {
+    pub(crate) fn now() -> Start {
+        Start(Instant::now(), clock_gettime(ClockId::ProcessCPUTime))
+    }
+
+    pub(crate) fn elapsed_ms(&self) -> f64 {
+        self.0.elapsed().as_secs_f64() * 1e3
+    }
+
+    fn cpu_ms(&self) -> f64 {
+        let since = clock_gettime(ClockId::ProcessCPUTime) - self.1;
+        since.tv_sec as f64 * 1e3 + since.tv_nsec as f64 / 1e6
+    }
+}
+
 impl Frame {
-    pub(crate) fn add(&mut self, part: &'static str, step: &str, last: &mut Instant) {
-        let ms = last.elapsed().as_secs_f64() * 1e3;
-        self.steps.push((part, step.into(), ms));
-        *last = Instant::now();
+    pub(crate) fn add(&mut self, part: &'static str, step: &str, last: &mut Start) {
+        self.steps.push(Step {
+            part,
+            name: step.into(),
+            ms: last.elapsed_ms(),
+            cpu_ms: last.cpu_ms(),
+        });
+        *last = Start::now();
     }
 
     fn part_ms(&self, part: &str) -> f64 {
-        let steps = self.steps.iter().filter(|step| step.0 == part);
-        steps.map(|step| step.2).sum()
+        let steps = self.steps.iter().filter(|step| step.part == part);
+        steps.map(|step| step.ms).sum()
     }
 }
 
@@ -42,6 +73,11 @@ impl Record {
             "ms_p50": self.milliseconds(0.5),
             "ms_p99": self.milliseconds(0.99),
             "frames": self.frames.len(),
+            "steps": self.steps().map(|(place, name)| json!({
+                "step": name,
+                "ms_p50": rounded(self.quantile(0.5, |frame| frame.steps[place].ms)),
+                "cpu_ms_p50": rounded(self.quantile(0.5, |frame| frame.steps[place].cpu_ms)),
+            })).collect::<Vec<_>>(),
             "first_ms": rounded(self.first_ms.iter().copied().fold(0.0, f64::max)),
         })
     }
@@ -60,13 +96,18 @@ impl Record {
     /// A line a step, over all frames of all scans.
     pub(crate) fn print(&self) {
         println!("{:24}   min ms   p50 ms   p99 ms", "step");
-        let steps = self.frames.first().map_or(&[][..], |frame| &frame.steps);
-        for (place, (_, name, _)) in steps.iter().enumerate() {
-            self.print_line(name, |frame| frame.steps[place].2);
+        for (place, name) in self.steps() {
+            self.print_line(name, |frame| frame.steps[place].ms);
         }
         self.print_line("TOTAL", |frame| frame.total_ms);
         let first: Vec<_> = self.first_ms.iter().map(|ms| format!("{ms:.2}")).collect();
         println!("first frame              {}", first.join(" "));
+    }
+
+    /// Place and name, the same in every frame.
+    fn steps(&self) -> impl Iterator<Item = (usize, &str)> {
+        let steps = self.frames.first().map_or(&[][..], |frame| &frame.steps);
+        steps.iter().map(|step| step.name.as_str()).enumerate()
     }
 
     fn print_line(&self, name: &str, value: impl Fn(&Frame) -> f64 + Copy) {

@@ -37,6 +37,9 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
         let started = external("mluc-ros2", &["stage"]).map(drop);
         return started.map_err(|error| UsageError(format!("{error:#}")).into());
     }
+    if let Some(level) = settings.level()? {
+        level.restrict();
+    }
     // Before any thread is started: they all inherit it.
     let own = &settings.stages[stage];
     if let Some(cpus) = &own.cpus {
