@@ -1,7 +1,7 @@
-//! Fixed work, cut into parts, for a program that counts instructions: `.ci/callgrind` runs it under valgrind and compares
-//! the counts with recorded ones. Prints the name of each part in order.
+//! Fixed work, cut into parts, for a program that counts instructions: `.ci/callgrind` runs it under valgrind, `.ci/aarch64`
+//! under emulation, and both compare the counts with recorded ones. Prints the name of each part in order.
 //!
-//! One synthetic-unknown scan, a sixteenth of KITTI's range (valgrind is a hundred times slower), the network `compact` with weights
+//! One invented scan, a sixteenth of KITTI's range (valgrind is a hundred times slower), the network `compact` with weights
 //! by formula, one thread. The part before each [`instructions_mark`] is what it names; the first is the loading of the
 //! model.
 
@@ -15,13 +15,13 @@ use mluc_head::Head;
 use mluc_ipc_types::Point;
 use mluc_model::{Grid, Manifest, Network, WeightSet, formula_weights};
 use mluc_refiner::{Refiner, RefinerOutput, Sensor, Settings};
+use mluc_train::{TrainError, quantize::measure_ranges};
 
 /// Frames of each precision; the first finds memory that was never touched.
 const FRAMES: usize = 2;
-/// Those that a plain model file allows.
-const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::Bf16];
+const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::Int8];
 
-/// valgrind writes out its counts whenever this function is entered.
+/// The counts are written out whenever this function is entered.
 #[inline(never)]
 fn instructions_mark(part: String, parts: &mut Vec<String>) {
     parts.push(part);
@@ -35,6 +35,7 @@ fn main() -> Result<()> {
         .build_global()?;
     let (manifest, weights) = model();
     let points = scene::points();
+    let weights = measure_ranges(&manifest, &weights, [Ok::<_, TrainError>(points.clone())])?;
     let mut parts = vec![];
     for precision in PRECISIONS {
         network(&manifest, &weights, precision, &points, &mut parts)?;

@@ -39,6 +39,9 @@ struct Arguments {
     /// Frames of each scan that are timed, after two that are not.
     #[arg(long, default_value_t = 50)]
     rounds: usize,
+    /// Time the refiner too, with so many candidates, at the boxes that were found and around them; it is not in the total.
+    #[arg(long)]
+    candidates: Option<usize>,
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
@@ -69,7 +72,8 @@ fn main() -> Result<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads);
     pool.build()?.install(|| {
         scans.iter().try_for_each(|(scan, points)| {
-            let measured = measure::measure(model, points, arguments.rounds, &mut record);
+            let count = (arguments.rounds, arguments.candidates);
+            let measured = measure::measure(model, points, count, &mut record);
             measured.with_context(|| scan.display().to_string())
         })
     })?;

@@ -2,8 +2,9 @@
 
 use anyhow::Result;
 use mluc_backbone::{Backbone, Precision};
-use mluc_head::Head;
+use mluc_head::{Detection, DetectionKind, Head};
 use mluc_model::{Manifest, WeightSet};
+use mluc_refiner::{ClusterScorer, Refiner, RefinerOutput, Sensor, Settings};
 
 use crate::report::{Frame, Record, Start};
 
@@ -13,7 +14,7 @@ const UNTIMED: usize = 2;
 pub(crate) fn measure(
     (manifest, weights, precision): (&Manifest, &WeightSet, Precision),
     points: &[[f32; 4]],
-    rounds: usize,
+    (rounds, candidates): (usize, Option<usize>),
     record: &mut Record,
 ) -> Result<()> {
     let mut backbone = Backbone::with_precision(manifest, weights, precision)?;
@@ -24,6 +25,13 @@ pub(crate) fn measure(
     // Touched, as the vehicle's shared memory is.
     let (mut cells, mut rows) = (vec![1; cells_max], vec![1.0; cells_max * channels]);
     let mut detections = Vec::with_capacity(manifest.thresholds.boxes_max as usize);
+    let scorer = ClusterScorer::of_model(weights);
+    let mut refiner = Refiner::with_scorer(
+        Settings::default(),
+        &Sensor::from_manifest(manifest)?,
+        scorer,
+    )?;
+    let mut refined = RefinerOutput::default();
     let last_sparse = manifest.network.sparse.last();
     let last_sparse = last_sparse.map_or("", |layer| &layer.name);
     for round in 0..UNTIMED + rounds {
@@ -46,6 +54,12 @@ pub(crate) fn measure(
         head.run(cells, rows, &mut detections)?;
         frame.add("head", "head", &mut last);
         frame.total_ms = start.elapsed_ms();
+        if let Some(count) = candidates {
+            let candidates = candidates_at(&detections, count);
+            last = Start::now();
+            refiner.refine(0, bytemuck::cast_slice(points), &candidates, &mut refined);
+            frame.add("refiner", "refiner", &mut last);
+        }
         match round {
             0 => record.first_ms.push(frame.total_ms),
             UNTIMED.. => record.frames.push(frame),
@@ -53,4 +67,19 @@ pub(crate) fn measure(
         }
     }
     Ok(())
+}
+
+/// So many candidates: at every box in turn, later ones up to 1 m beside it.
+fn candidates_at(detections: &[Detection], count: usize) -> Vec<Detection> {
+    let repeated = detections.iter().cycle().take(count);
+    let at = |(place, detection): (usize, &Detection)| {
+        let turn = place / detections.len();
+        let (aside_m, angle_rad) = (turn.min(10) as f32 / 10.0, 2.4 * turn as f32);
+        let mut candidate = *detection;
+        candidate.kind = DetectionKind::Candidate as u32;
+        candidate.center_m[0] += aside_m * angle_rad.cos();
+        candidate.center_m[1] += aside_m * angle_rad.sin();
+        candidate
+    };
+    repeated.enumerate().map(at).collect()
 }

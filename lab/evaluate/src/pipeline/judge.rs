@@ -148,11 +148,10 @@ pub fn choose_threshold(
         threshold: point.threshold,
         metrics,
         reason: format!(
-            "best harmonic mean of mAP known and AP unknown (R40, moderate) among {} thresholds that are quantiles of the \
-             kept boxes' {}, of those with mAP known {} the closed set's; data: {data}; refiner: {refiner}",
+            "{}, among {} thresholds that are quantiles of the kept boxes' {}; data: {data}; refiner: {refiner}",
+            gate.rule(),
             sweep.len() - 1,
             gate.describe(),
-            gate.allowed(),
         ),
     })
 }

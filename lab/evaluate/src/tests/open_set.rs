@@ -1,6 +1,7 @@
 //! The open-set figures: of the whole and of parts of a data set, at many thresholds of the gate, and the choice of one.
 
 use crate::open_set::unknown_as_known;
+use crate::pipeline::ModelGate;
 use crate::sweep::{quantile_grid, sweep};
 use crate::{
     ClassRule, FrameTruth, JudgedFrames, JudgedPoint, LabelledFrame, NeighbourPolicy, ObjectKind,
@@ -254,6 +255,26 @@ fn the_choice_keeps_nine_tenths_of_the_known() {
     ];
     assert_eq!(points[best_index(&points)].threshold, 1.2);
     assert_eq!(best_index(&[points[0], points[2]]), 0);
+}
+
+#[test]
+fn an_open_heads_gate_finds_most_of_those_nearly_as_good_as_the_best() {
+    let point = |recall_unknown, map_known, ap_unknown| SweepPoint {
+        threshold: 0.1,
+        map_known,
+        recall_unknown,
+        ap_unknown,
+    };
+    let points = [
+        point(0.0, 74.9, 0.0),
+        point(43.0, 74.8, 19.8),
+        point(61.0, 74.2, 19.6),
+        // A worse harmonic mean; more of the known lost than a point.
+        point(62.0, 74.2, 19.0),
+        point(64.0, 73.8, 20.0),
+    ];
+    assert_eq!(ModelGate::Known.best_index(&points), 2);
+    assert_eq!(ModelGate::Eds.best_index(&points), 4);
 }
 
 #[test]
