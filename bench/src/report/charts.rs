@@ -1,6 +1,4 @@
-//! The page's pictures: latency over time, where the time of single frames went, percentiles, CPU and memory.
-
-use std::ops::Range;
+//! The page's pictures: latency over time, where the time of single frames went, percentiles.
 
 use mluc_geometry::quantile;
 use plotters::coord::Shift;
@@ -145,42 +143,6 @@ pub(crate) fn waterfall(frames: &[FrameRecord]) -> String {
     })
 }
 
-/// One direction of a line chart.
-struct Axis<'a> {
-    name: &'a str,
-    range: Range<f64>,
-    /// Numbers at most, and how one is written.
-    numbers: usize,
-    text: fn(f64) -> String,
-}
-
-/// Its name, colour and points.
-type Line<'a> = (&'a str, RGBColor, Vec<(f64, f64)>);
-
-/// Lines with their names, in an area of a picture.
-fn lines(area: &Area, [x, y]: [Axis; 2], lines: Vec<Line>) -> Drawn {
-    let mut chart = ChartBuilder::on(area)
-        .margin(10)
-        .x_label_area_size(36)
-        .y_label_area_size(46)
-        .build_cartesian_2d(x.range, y.range)?;
-    let (x_text, y_text) = (|at: &f64| (x.text)(*at), |at: &f64| (y.text)(*at));
-    let mut mesh = chart.configure_mesh();
-    mesh.x_desc(x.name).y_desc(y.name).label_style(FONT);
-    mesh.x_labels(x.numbers).x_label_formatter(&x_text);
-    mesh.y_labels(y.numbers).y_label_formatter(&y_text);
-    mesh.light_line_style(TRANSPARENT).draw()?;
-    for (name, color, points) in lines {
-        let key = move |(x, y)| Rectangle::new([(x, y - 4), (x + 8, y + 4)], color.filled());
-        let drawn = chart.draw_series(LineSeries::new(points, color.stroke_width(2)))?;
-        drawn.label(name).legend(key);
-    }
-    let mut names = chart.configure_series_labels();
-    names.position(SeriesLabelPosition::UpperLeft);
-    names.legend_area_size(14).background_style(WHITE.mix(0.8));
-    names.label_font(FONT).draw()
-}
-
 /// A time's place on a logarithmic axis of ms; below 1 us is 1 us.
 fn log_ms(us: f64) -> f64 {
     (us.max(1.0) / 1000.0).log10()
@@ -199,23 +161,31 @@ pub(crate) fn percentile_curves(series: &Series) -> String {
     if least > most {
         return String::new();
     }
-    // With some room.
-    let range = log_ms(least) - 0.05..log_ms(most) + 0.05;
-    let share = Axis {
-        name: "share of frames that take at most so long",
-        range: 0.0..3.0,
-        numbers: 4,
-        text: |decade| format!("{} %", short(100.0 - 100.0 * 10f64.powf(-decade))),
-    };
-    let time = Axis {
-        name: "ms",
-        range,
-        numbers: 10,
-        text: |at| short(10f64.powf(at)),
-    };
-    let curves = figures.into_iter();
-    let curves = curves.map(|(name, color, us)| (name, color, percentile_curve(us)));
-    svg(330, |root| lines(root, [share, time], curves.collect()))
+    let share = |decade: &f64| format!("{} %", short(100.0 - 100.0 * 10f64.powf(-decade)));
+    let time = |at: &f64| short(10f64.powf(*at));
+    svg(330, |root| {
+        let mut chart = ChartBuilder::on(root)
+            .margin(10)
+            .x_label_area_size(36)
+            .y_label_area_size(46)
+            .build_cartesian_2d(0.0..3.0, log_ms(least) - 0.05..log_ms(most) + 0.05)?;
+        let mut mesh = chart.configure_mesh();
+        mesh.x_desc("share of frames that take at most so long");
+        mesh.x_labels(4).x_label_formatter(&share);
+        mesh.y_desc("ms").y_label_formatter(&time);
+        mesh.label_style(FONT)
+            .light_line_style(TRANSPARENT)
+            .draw()?;
+        for (name, color, us) in figures {
+            let key = move |(x, y)| Rectangle::new([(x, y - 4), (x + 8, y + 4)], color.filled());
+            let line = LineSeries::new(percentile_curve(us), color.stroke_width(2));
+            chart.draw_series(line)?.label(name).legend(key);
+        }
+        let mut names = chart.configure_series_labels();
+        names.position(SeriesLabelPosition::UpperLeft);
+        names.legend_area_size(14).background_style(WHITE.mix(0.8));
+        names.label_font(FONT).draw()
+    })
 }
 
 fn percentile_curve(us: &[f64]) -> Vec<(f64, f64)> {
@@ -226,46 +196,4 @@ fn percentile_curve(us: &[f64]) -> Vec<(f64, f64)> {
         Some((decade, log_ms(us)))
     };
     (0..=150).filter_map(at).collect()
-}
-
-/// What the stages took of the machine between two looks.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Sample {
-    /// Since the first frame of the first round was due, s.
-    pub(crate) at_s: f64,
-    /// CPU time over time by stage: 1 is a core.
-    pub(crate) cpu_cores: [f64; 4],
-    /// Private memory by stage.
-    pub(crate) memory_mib: [f64; 4],
-}
-
-/// CPU above, memory below, a line a stage.
-pub(crate) fn resources_over_time(samples: &[Sample]) -> String {
-    let Some(last) = samples.last() else {
-        return String::new();
-    };
-    type Taken = fn(&Sample) -> [f64; 4];
-    let figures: [(&str, Taken); 2] = [("cores", |s| s.cpu_cores), ("MiB", |s| s.memory_mib)];
-    let thinned = || samples.iter().step_by(samples.len().div_ceil(DOTS_MAX));
-    svg(400, |root| {
-        for (area, (name, of)) in root.split_evenly((2, 1)).iter().zip(figures) {
-            let most = samples.iter().flat_map(of).fold(0.1, f64::max);
-            let axis = |name, high, numbers| Axis {
-                name,
-                range: 0.0..high,
-                numbers,
-                text: short,
-            };
-            let axes = [
-                axis("time, s", last.at_s.max(0.1), 10),
-                axis(name, 1.05 * most, 6),
-            ];
-            let of_stage = |stage: usize| {
-                let points = thinned().map(|s| (s.at_s, of(s)[stage])).collect();
-                (STAGES[stage], STAGE_COLORS[stage], points)
-            };
-            lines(area, axes, (0..STAGES.len()).map(of_stage).collect())?;
-        }
-        Ok(())
-    })
 }

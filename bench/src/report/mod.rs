@@ -20,7 +20,6 @@ mod frame;
 mod page;
 mod series;
 
-pub(crate) use charts::Sample;
 pub(crate) use compare::{Comparison, Verdict, compare};
 pub(crate) use csv::{read_frames, write_frames};
 pub(crate) use figures::{Resources, check_version, number, report_of};

@@ -6,13 +6,12 @@ use minijinja::{Environment, UndefinedBehavior};
 use serde_json::{Value, json};
 
 use super::charts;
-use super::charts::Sample;
 use super::figures::number;
 use super::frame::{FrameRecord, HOPS, STAGES, measured};
 use super::series::series;
 
-/// The page of a report, its frames (warm-up included) and what the stages took of the machine over time.
-pub(crate) fn page(report: &Value, frames: &[FrameRecord], samples: &[Sample]) -> Result<String> {
+/// The page of a report and its frames, warm-up included.
+pub(crate) fn page(report: &Value, frames: &[FrameRecord]) -> Result<String> {
     let figures = series(&measured(frames));
     let rate_hz = number(report, "/scenario/rate_hz").filter(|rate_hz| *rate_hz > 0.0);
     let period_ms = rate_hz.map(|rate_hz| 1000.0 / rate_hz);
@@ -22,7 +21,6 @@ pub(crate) fn page(report: &Value, frames: &[FrameRecord], samples: &[Sample]) -
         "latency": charts::latency_over_time(frames, period_ms),
         "waterfall": charts::waterfall(frames),
         "percentiles": charts::percentile_curves(&figures),
-        "resources": charts::resources_over_time(samples),
     });
     render("page.html", include_str!("page.html"), values)
 }
@@ -80,18 +78,13 @@ mod tests {
         report["title"] = "mluc <bench>".into();
         report["warnings"] = json!(["a & b"]);
         report["scenario"] = json!({"rate_hz": 10});
-        let samples = [0.0, 1.0, 2.0].map(|at_s| Sample {
-            at_s,
-            cpu_cores: [0.1, 1.5, 0.2, 0.0],
-            memory_mib: [10.0; 4],
-        });
-        let html = page(&report, &frames, &samples).unwrap();
+        let html = page(&report, &frames).unwrap();
         for tag in ["svg", "table", "section", "div", "text", "title"] {
             let count = |text: String| html.matches(&text).count();
             let opened = count(format!("<{tag}>")) + count(format!("<{tag} "));
             assert_eq!(opened, count(format!("</{tag}>")), "{tag}");
         }
-        assert_eq!(html.matches("<svg").count(), 4);
+        assert_eq!(html.matches("<svg").count(), 3);
         assert!(html.contains("99.9 %"));
         assert!(html.contains("mluc &lt;bench&gt;") && html.contains("a &amp; b"));
         assert!(!html.contains("NaN") && !html.contains("inf"));
@@ -107,7 +100,7 @@ mod tests {
     fn a_run_without_frames_has_a_page() {
         let all_dropped = [dropped(0), dropped(1)];
         for (frames, words) in [(&all_dropped[..0], "0 / 0"), (&all_dropped, "2 dropped")] {
-            let html = page(&report_of(frames), frames, &[]).unwrap();
+            let html = page(&report_of(frames), frames).unwrap();
             assert!(html.contains(words) && !html.contains("NaN"));
         }
     }

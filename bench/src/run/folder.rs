@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
-use crate::report::{FrameRecord, Sample, check_version, page, read_frames, write_frames};
+use crate::report::{FrameRecord, check_version, page, read_frames, write_frames};
 use crate::save;
 
 /// Of the two reports of a comparison.
@@ -19,14 +19,9 @@ pub(crate) fn make(folder: &Path) -> Result<()> {
     fs::remove_file(&probe).with_context(|| format!("writing into {}", folder.display()))
 }
 
-pub(crate) fn write(
-    folder: &Path,
-    report: &Value,
-    frames: &[FrameRecord],
-    samples: &[Sample],
-) -> Result<()> {
+pub(crate) fn write(folder: &Path, report: &Value, frames: &[FrameRecord]) -> Result<()> {
     save(folder, "report.json", serde_json::to_string_pretty(report)?)?;
-    save(folder, "report.html", page(report, frames, samples)?)?;
+    save(folder, "report.html", page(report, frames)?)?;
     save(folder, "frames.csv", write_frames(frames))
 }
 

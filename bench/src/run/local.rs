@@ -25,7 +25,7 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
     }
     let report = measured.report(plan, &quiet);
     drop(progress);
-    folder::write(out, &report, &measured.frames, &measured.samples)?;
+    folder::write(out, &report, &measured.frames)?;
     print_out(table(&report)?.trim_end())?;
     let page = out.join("report.html");
     print_out(format_args!("report: {}", page.display()))?;

@@ -9,12 +9,11 @@ use super::plan::Plan;
 use super::quiet::Quiet;
 use super::round::frames;
 use crate::machine::{describe_build, describe_machine};
-use crate::report::{FrameRecord, HOPS, Resources, STAGES, Sample, number, report_of};
+use crate::report::{FrameRecord, HOPS, Resources, STAGES, number, report_of};
 
 #[derive(Default)]
 pub(crate) struct Measured {
     pub(crate) frames: Vec<FrameRecord>,
-    pub(crate) samples: Vec<Sample>,
     payload_bytes: [u64; 4],
     pub(crate) is_interrupted: bool,
     /// By round and stage.
@@ -46,12 +45,6 @@ impl Measured {
     }
 
     fn add(&mut self, recording: Recording) {
-        let offset_s = self.samples.last().map_or(0.0, |sample| sample.at_s + 1.0);
-        let samples = recording.watch.samples.into_iter();
-        self.samples.extend(samples.map(|sample| Sample {
-            at_s: sample.at_s + offset_s,
-            ..sample
-        }));
         let stages = recording.watch.stages;
         self.resources.push(stages.map(|stage| stage.resources()));
         for stage in 0..STAGES.len() {

@@ -2,7 +2,7 @@
 
 use procfs::process::Process;
 
-use crate::report::{Resources, Sample};
+use crate::report::Resources;
 
 /// Two looks at least so far apart, s.
 const PERIOD_S: f64 = 0.5;
@@ -24,8 +24,6 @@ struct Counts {
 #[derive(Default)]
 pub(crate) struct ProcessWatch {
     pub(crate) stages: [StageWatch; 4],
-    /// One a look, of the warm-up too.
-    pub(crate) samples: Vec<Sample>,
     looked_s: Option<f64>,
 }
 
@@ -45,19 +43,11 @@ impl ProcessWatch {
             return;
         }
         self.looked_s = Some(at_s);
-        let mut sample = Sample {
-            at_s,
-            ..Sample::default()
-        };
         for (stage, pid) in processes.into_iter().enumerate() {
             let Some(counts) = counts(pid, at_s) else {
                 continue;
             };
             let watch = &mut self.stages[stage];
-            if watch.last.pid == pid {
-                sample.cpu_cores[stage] = cores(&watch.last, &counts);
-            }
-            sample.memory_mib[stage] = counts.private_mib;
             watch.last = counts;
             if is_measured {
                 // A restarted process counts from its own begin.
@@ -68,7 +58,6 @@ impl ProcessWatch {
                 watch.peak_mib = [0, 1].map(|i| watch.peak_mib[i].max(now_mib[i]));
             }
         }
-        self.samples.push(sample);
     }
 }
 
