@@ -183,10 +183,8 @@ impl Running {
     #[track_caller]
     pub fn stage(&self, name: &str) -> u32 {
         let stages = self.stages();
-        let mut pids = stages.iter().filter(|(stage, _)| stage == name);
-        let (_, pid) = pids
-            .next()
-            .unwrap_or_else(|| panic!("no {name} in {stages:?}"));
+        let found = stages.iter().find(|(stage, _)| stage == name);
+        let (_, pid) = found.unwrap_or_else(|| panic!("no {name} in {stages:?}"));
         *pid
     }
 

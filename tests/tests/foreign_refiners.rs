@@ -18,18 +18,20 @@ fn own_refiner(fault: &str) -> Vec<String> {
 
 /// Those that are there: the one of the tests always.
 fn foreign_refiners() -> Vec<Vec<String>> {
-    let others = [python_example("refiner"), cpp_example("refiner")];
     let all = std::iter::once(own_refiner("sound"));
-    all.chain(others.into_iter().flatten()).collect()
+    all.chain(examples()).collect()
+}
+
+/// Of others, those that are there.
+fn examples() -> impl Iterator<Item = Vec<String>> {
+    let others = [python_example("refiner"), cpp_example("refiner")];
+    others.into_iter().flatten()
 }
 
 #[test]
 fn the_examples_pass_the_suite() {
     let setting = Setting::new("suite", 0);
-    for command in [python_example("refiner"), cpp_example("refiner")]
-        .into_iter()
-        .flatten()
-    {
+    for command in examples() {
         let mut suite = Command::new(mluc_program());
         suite.args(["refiner-test", "--patience-s", "20", "--model"]);
         suite.arg(&setting.model).arg("--").args(&command);
@@ -100,11 +102,8 @@ for frame in stage.frames():
     let [python, example] = &example[..] else {
         panic!("{example:?}");
     };
-    let command = [
-        python.clone(),
-        script.display().to_string(),
-        example.clone(),
-    ];
+    let words = [python, &script.display().to_string(), example];
+    let command = words.map(String::clone);
     let run = setting.run(&config(&setting, &command));
     run.assert_says(&["set aside, because stages died of them: 1 (000002)"]);
     let flags = run.flags("000002");
