@@ -92,10 +92,8 @@ fn parse(path: &Path, text: &str, scored: bool) -> Result<Vec<Label>> {
 fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label> {
     check_count(line, columns.len(), scored)?;
     let number = |column: usize, field: &str| {
-        let number = columns[column]
-            .parse::<f64>()
-            .ok()
-            .filter(|v| v.is_finite());
+        let number = columns[column].parse::<f64>().ok();
+        let number = number.filter(|v| v.is_finite());
         number.ok_or_else(|| line.in_field(field, "a finite number", columns[column]))
     };
     let mut numbers = [0.0; 15];

@@ -190,9 +190,8 @@ fn collect_steps(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCu
         }
         let now = (hits, near_alarms + lonely_alarms);
         if now != before {
-            curve
-                .steps
-                .push((score, now.0 - before.0, now.1 - before.1));
+            let (hits, alarms) = (now.0 - before.0, now.1 - before.1);
+            curve.steps.push((score, hits, alarms));
         }
         before = now;
     }

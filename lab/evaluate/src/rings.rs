@@ -46,10 +46,8 @@ fn gap_deg(points: &[Point]) -> f64 {
     let mut estimator = Estimator::new();
     estimator.look(points, 0);
     let beams = &estimator.estimate().elevations_deg;
-    let mut gaps: Vec<f64> = beams
-        .windows(2)
-        .map(|pair| f64::from(pair[0] - pair[1]))
-        .collect();
+    let gaps = beams.windows(2).map(|pair| f64::from(pair[0] - pair[1]));
+    let mut gaps: Vec<f64> = gaps.collect();
     gaps.sort_unstable_by(f64::total_cmp);
     quantile(&gaps, CLOSE_SHARE).map_or(GAP_DEG, |close| GAP_SHARE * close)
 }

@@ -72,11 +72,8 @@ impl Simulation {
     /// Whether the folder holds at least the frames that are wanted. One that holds something else is an error: it is somebody's.
     pub(crate) fn is_done(&self) -> Result<bool> {
         let folder = &self.options.folder;
-        let entries = || {
-            folder
-                .read_dir()
-                .map_err(|e| EvaluateError::file(folder, e))
-        };
+        let unreadable = |e| EvaluateError::file(folder, e);
+        let entries = || folder.read_dir().map_err(unreadable);
         if !folder.exists() || entries()?.next().is_none() {
             return Ok(false);
         }

@@ -26,14 +26,12 @@ pub(crate) fn sensor(dice: &mut Dice) -> SensorProfile {
         lose_beams(&mut profile, dice);
     }
     if dice.chance(0.1) {
-        let count = dice.whole(
-            2,
-            if profile.elevations_deg.len() > 40 {
-                2
-            } else {
-                4
-            },
-        );
+        let most = if profile.elevations_deg.len() > 40 {
+            2
+        } else {
+            4
+        };
+        let count = dice.whole(2, most);
         profile.units = (0..count).map(|_| unit(dice)).collect();
     } else if dice.chance(0.08) {
         profile.field_deg = Some([dice.spread(60.0), dice.range(70.0, 270.0)]);
@@ -113,11 +111,8 @@ fn random(dice: &mut Dice) -> SensorProfile {
 /// Some beams are gone: broken, or thinned out by a driver.
 fn lose_beams(profile: &mut SensorProfile, dice: &mut Dice) {
     let share = dice.range(0.05, 0.3);
-    let kept: Vec<bool> = profile
-        .elevations_deg
-        .iter()
-        .map(|_| !dice.chance(share))
-        .collect();
+    let beams = profile.elevations_deg.iter();
+    let kept: Vec<bool> = beams.map(|_| !dice.chance(share)).collect();
     if kept.iter().filter(|kept| **kept).count() < 6 {
         return;
     }
@@ -156,11 +151,8 @@ mod tests {
         let held_out = HELD_OUT.map(|name| SensorProfile::load(name).expect(name).name);
         assert_eq!(count(&|p| held_out.contains(&p.name)), 0);
         for p in &drawn {
-            let all = beams(p) * p.units.len().max(1);
-            assert!(
-                all as f32 * 360.0 / p.azimuth_step_deg < 1.01 * RAYS_MAX,
-                "{p:?}"
-            );
+            let rays = (beams(p) * p.units.len().max(1)) as f32 * 360.0 / p.azimuth_step_deg;
+            assert!(rays < 1.01 * RAYS_MAX, "{p:?}");
             assert!(p.elevations_deg.is_sorted_by(|a, b| a >= b), "{p:?}");
         }
     }

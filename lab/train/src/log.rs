@@ -72,9 +72,8 @@ impl Log {
             }
             let mut file = File::options().create(true).append(true).open(&path)?;
             // An interruption may have cut the last line.
-            let is_cut = std::fs::read(&path)?
-                .last()
-                .is_some_and(|last| *last != b'\n');
+            let written = std::fs::read(&path)?;
+            let is_cut = written.last().is_some_and(|last| *last != b'\n');
             if is_cut {
                 file.write_all(b"\n")?;
             }

@@ -88,12 +88,8 @@ impl TrainSettings {
     /// Where they are none of its options.
     pub fn of(options: &[&str], data: &Path, out: &Path) -> TrainSettings {
         let options = ["train"].iter().chain(options).map(OsStr::new);
-        let folders = [
-            "--data".as_ref(),
-            data.as_os_str(),
-            "--out".as_ref(),
-            out.as_os_str(),
-        ];
+        let folders = [("--data", data), ("--out", out)].into_iter();
+        let folders = folders.flat_map(|(option, folder)| [OsStr::new(option), folder.as_os_str()]);
         TrainSettings::try_parse_from(options.chain(folders)).expect("options of the trainer")
     }
 
@@ -212,11 +208,8 @@ impl TrainSettings {
         let wanted = self.classes().saturating_sub(manifest.classes.len());
         manifest.classes.extend(unknown.take(wanted));
         if !self.known.is_empty() {
-            manifest.classes = self
-                .known
-                .iter()
-                .map(|name| AnchorClass::named(name))
-                .collect();
+            let named = self.known.iter().map(|name| AnchorClass::named(name));
+            manifest.classes = named.collect();
         }
         Manifest {
             uses_intensity: false,
@@ -301,17 +294,13 @@ mod tests {
         let good = TrainSettings::of(&options, Path::new("data"), Path::new("out"));
         assert!(good.check().is_ok() && good.variance_weight == 0.1);
         type Change = fn(&mut TrainSettings);
+        let rate = "--learning-rate: expected above 0 and below 1, found 1";
+        let weight = "--variance-weight: expected 0 to 100, found NaN";
         let cases: [(Change, &str); 4] = [
             (|s| s.steps = 0, "--steps: expected 1 or more, found 0"),
             (|s| s.batch = 65, "--batch: expected 1 to 64, found 65"),
-            (
-                |s| s.learning_rate = 1.0,
-                "--learning-rate: expected above 0 and below 1, found 1",
-            ),
-            (
-                |s| s.variance_weight = f32::NAN,
-                "--variance-weight: expected 0 to 100, found NaN",
-            ),
+            (|s| s.learning_rate = 1.0, rate),
+            (|s| s.variance_weight = f32::NAN, weight),
         ];
         for (change, expected) in cases {
             let mut changed = good.clone();

@@ -61,10 +61,8 @@ mod tests {
             };
             let near: Vec<usize> = (0..16).map(|beam| of(beam, true)).collect();
             let far: usize = (0..16).map(|beam| of(beam, false)).sum();
-            assert!(
-                near.iter().all(|n| *n == 0 || *n > 170),
-                "whole beams: {near:?}"
-            );
+            let is_whole = near.iter().all(|n| *n == 0 || *n > 170);
+            assert!(is_whole, "whole beams: {near:?}");
             beams_lost += usize::from(near.contains(&0));
             reach_lost += usize::from(far * 2 < near.iter().sum());
             untouched += usize::from(points.len() == all.len());

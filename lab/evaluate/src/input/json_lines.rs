@@ -104,11 +104,9 @@ mod tests {
     fn faults_name_line_and_field() {
         let good = good();
         let wrong_wire = format!("line 2: field wire: expected {WIRE_VERSION}, found 77");
+        let again = "line 2: field frame: expected each frame once, found '000008' again";
         for (line, expected) in [
-            (
-                good.clone(),
-                "line 2: field frame: expected each frame once, found '000008' again",
-            ),
+            (good.clone(), again),
             (
                 good.replace("\"score\":0.5,", ""),
                 "line 2: missing field `score`",

@@ -98,11 +98,8 @@ pub(crate) fn run(arguments: AdaptArguments) -> anyhow::Result<()> {
     let path = out.join("report.md");
     write_whole(&path, text.as_bytes()).with_context(|| path.display().to_string())?;
     print_out(text)?;
-    print_out(format_args!(
-        "{}\n{}",
-        path.display(),
-        place.model().display()
-    ))
+    let model = place.model();
+    print_out(format_args!("{}\n{}", path.display(), model.display()))
 }
 
 /// A class as a model names it.
@@ -130,10 +127,8 @@ impl Adaptation<'_> {
 
     fn simulate(&self) -> anyhow::Result<()> {
         print_err("step 1 of 4: simulate");
-        for (split, scans) in [
-            (Split::Train, self.plan.scans),
-            (Split::Val, self.plan.val_scans),
-        ] {
+        let counts = [self.plan.scans, self.plan.val_scans];
+        for (split, scans) in [Split::Train, Split::Val].into_iter().zip(counts) {
             let options = self.plan.request.export(split, scans, self.scans(split));
             export_with_progress(&options)?;
         }
@@ -142,14 +137,12 @@ impl Adaptation<'_> {
 
     fn train(&self) -> anyhow::Result<()> {
         print_err("step 3 of 4: train");
+        let (request, scans) = (&self.plan.request, self.out.join("scans"));
         let settings = TrainSettings {
             steps: self.plan.steps,
             // Both are done here, once.
             validate_frames: 0,
-            ..self
-                .plan
-                .request
-                .settings(&self.out.join("scans"), &self.run_folder(), self.out)
+            ..request.settings(&scans, &self.run_folder(), self.out)
         };
         train(&settings).map(drop)
     }
@@ -184,15 +177,9 @@ impl Adaptation<'_> {
         write_whole(&path, &bytes).with_context(|| path.display().to_string())?;
         if judgement.unknown_labels() > 0 {
             let model = Model::read(&path)?;
+            let (rules, settings) = (&judgement.rules, Settings::default());
             let sweep = counted("thresholds", set.names().len(), |step| {
-                sweep_gate(
-                    &model,
-                    &set,
-                    &frames,
-                    &judgement.rules,
-                    &Settings::default(),
-                    step,
-                )
+                sweep_gate(&model, &set, &frames, rules, &settings, step)
             })?;
             let variant = Variant::default().name();
             let data = set.describe();
@@ -212,11 +199,8 @@ impl Adaptation<'_> {
 
     /// What neither a model nor this adaptation knows.
     fn unknown(&self, model: &Model) -> Vec<String> {
-        let known = [
-            model.manifest.class_names(),
-            self.plan.request.known.clone(),
-        ]
-        .concat();
+        let mut known = model.manifest.class_names();
+        known.extend(self.plan.request.known.clone());
         let mut unknown = Class::REAL.map(lower).to_vec();
         unknown.retain(|name| !known.contains(name));
         unknown

@@ -42,9 +42,8 @@ impl Folder {
         let kinds = ["known", "known", "unknown"];
         let names = kinds.into_iter().zip(["car", "pedestrian", "van"]);
         let objects = names.zip(self.boxes(part));
-        objects
-            .map(|((kind, label), b)| object(kind, label, 0.9, b))
-            .collect()
+        let objects = objects.map(|((kind, label), b)| object(kind, label, 0.9, b));
+        objects.collect()
     }
 }
 
@@ -153,10 +152,8 @@ fn frames_without_detections_count_and_are_warned_about() {
     let report = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(figure(&report, CAR, "ap_all"), 50.0);
     let warnings = text(&output.stderr);
-    assert_has(
-        &warnings,
-        &["1 frames have labels but no detections", "000000"],
-    );
+    let words = ["1 frames have labels but no detections", "000000"];
+    assert_has(&warnings, &words);
 }
 
 #[test]
@@ -201,12 +198,9 @@ fn bad_input_is_named_and_fails() {
     }
     let short = LABELS.split_once(" 15 0.4").expect("the car's end").0;
     let renamed = text(&folder.read(FOUND)).replace("\"00000", "\"77777");
+    let label = "a/label_2/000001.txt";
     for (file, content, words) in [
-        (
-            "a/label_2/000001.txt",
-            short,
-            ["000001.txt, line 1", "found 13", "no z"],
-        ),
+        (label, short, ["000001.txt, line 1", "found 13", "no z"]),
         (FOUND, &renamed, ["found none", "777770", "000000"]),
     ] {
         let refuses = || folder.refuses(&ap("a", ""), &words);
@@ -284,11 +278,8 @@ fn rings_on_objects_are_counted_in_the_scans() {
     let rings = folder.json(&ap("a", "--json --scans b"));
     for (class, bin) in [("car", "2"), ("pedestrian", "1")] {
         let figures = &rings["by_rings"][class][bin];
-        assert_eq!(
-            (&figures["labels"], &figures["ap_all"]),
-            (&json!(1), &json!(100.0)),
-            "{rings}"
-        );
+        let figures = [&figures["labels"], &figures["ap_all"]];
+        assert_eq!(figures, [&json!(1), &json!(100.0)], "{rings}");
     }
 }
 
@@ -308,18 +299,12 @@ fn a_model_is_judged_and_faults_are_named() {
     assert!(report["by_rings"]["car"]["9 on"]["labels"].is_number());
     // The network in two jobs.
     for shard in ["0/2", "1/2"] {
-        folder.run(&model(&format!(
-            "--shard {shard} --write-part part{}",
-            &shard[..1]
-        )));
+        let part = format!("--shard {shard} --write-part part{}", &shard[..1]);
+        folder.run(&model(&part));
     }
     let whole = folder.run(&model("--sweep --json")).stdout;
-    assert_eq!(
-        folder
-            .run(&model("--sweep --json --parts part0 part1"))
-            .stdout,
-        whole
-    );
+    let parts = folder.run(&model("--sweep --json --parts part0 part1"));
+    assert_eq!(parts.stdout, whole);
     for (options, words) in [
         ("--parts part0", ["frame 000001", "found in none"]),
         ("--parts part0 part0", ["frame 000000", "another one too"]),
@@ -337,12 +322,8 @@ fn a_model_is_judged_and_faults_are_named() {
         folder.refuses(&model(options), &words);
     }
     let cut = |bytes: &[u8]| bytes[..bytes.len() - 1].to_vec();
-    let refuses = || {
-        folder.refuses(
-            &model("--parts part1"),
-            &["frame 000001: expected", "found"],
-        )
-    };
+    let words = ["frame 000001: expected", "found"];
+    let refuses = || folder.refuses(&model("--parts part1"), &words);
     folder.with("part1", cut, refuses);
     let table = folder.run(&model("--refiner range-scaled --write-profiles"));
     let words = ["closed set", "written: profile quiet"];

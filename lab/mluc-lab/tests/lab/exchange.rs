@@ -209,9 +209,7 @@ fn a_file_of_pytorch_is_sent_to_the_tool() {
     ] {
         folder.write("second.pth", head);
         let words = ["second.pth", "tools/checkpoint_to_safetensors.py"];
-        folder.refuses(
-            "import --checkpoint second.pth --out never.safetensors",
-            &words,
-        );
+        let import = "import --checkpoint second.pth --out never.safetensors";
+        folder.refuses(import, &words);
     }
 }

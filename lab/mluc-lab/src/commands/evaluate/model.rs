@@ -86,14 +86,9 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         Variant::default().name(),
         arguments.refiner.name()
     );
-    let set = FrameSet::open(
-        &arguments.data,
-        arguments.split.as_deref(),
-        arguments.frames,
-    )?;
-    let set = arguments
-        .shard
-        .map_or(set.clone(), |shard| set.shard(shard));
+    let (split, shard) = (arguments.split.as_deref(), arguments.shard);
+    let set = FrameSet::open(&arguments.data, split, arguments.frames)?;
+    let set = shard.map_or(set.clone(), |shard| set.shard(shard));
     let settings = Settings {
         variant: arguments.refiner,
         ..Settings::default()

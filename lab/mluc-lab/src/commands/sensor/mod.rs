@@ -80,11 +80,8 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> anyhow::Result<()> {
         estimator.look(bytemuck::cast_slice(&points), not_finite);
     }
     let found = estimator.estimate().clone();
-    ensure!(
-        found.beams > 0,
-        "{}: no beams found in {wanted} scans",
-        input.display()
-    );
+    let path = input.display();
+    ensure!(found.beams > 0, "{path}: no beams found in {wanted} scans");
     let (name, other) = other_sensor(arguments.sensor.as_deref(), &found)?;
     print(&found, &name, &other)?;
     if let Some(path) = &arguments.out {
