@@ -47,10 +47,8 @@ impl<I: Input> Case<I> {
 
     /// Of all pairs of [`CHANNELS`].
     fn all() -> impl Iterator<Item = Case<I>> {
-        let pairs = CHANNELS
-            .iter()
-            .flat_map(|cin| CHANNELS.map(|cout| (*cin, cout)));
-        let pairs = pairs.enumerate();
+        let pairs_of = |cin: &usize| CHANNELS.map(|cout| (*cin, cout));
+        let pairs = CHANNELS.iter().flat_map(pairs_of).enumerate();
         pairs.map(|(seed, (cin, cout))| Case::random(seed, cin, cout))
     }
 

@@ -157,12 +157,8 @@ impl Thresholds {
                 for (number, band) in bands.iter().enumerate() {
                     let field = format!("{field}[{number}]");
                     let least_m = std::mem::replace(&mut range_min_m, band.range_min_m);
-                    within(
-                        &format!("{field}.range_min_m"),
-                        band.range_min_m,
-                        least_m,
-                        1e4,
-                    )?;
+                    let place = format!("{field}.range_min_m");
+                    within(&place, band.range_min_m, least_m, 1e4)?;
                     band.validate(&field)?;
                 }
             }

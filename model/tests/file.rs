@@ -29,10 +29,8 @@ fn unchecked(json: impl ToString, weights: &WeightSet) -> Vec<u8> {
 fn assert_refused(bytes: &[u8], parts: &[&str]) {
     let error = Model::from_bytes(bytes).expect_err("the file must be refused");
     let error = error.to_string();
-    assert!(
-        parts.iter().all(|part| error.contains(part)),
-        "`{error}` names {parts:?}"
-    );
+    let has_all = parts.iter().all(|part| error.contains(part));
+    assert!(has_all, "`{error}` names {parts:?}");
 }
 
 #[test]

@@ -203,10 +203,8 @@ fn flag_layers(args: &PipelineArgs) -> anyhow::Result<Vec<Table>> {
         lines.push(format!("refiner.variant = '{name}'"));
     }
     if let Some(profile) = &args.sensor {
-        lines.push(format!(
-            "sensor.profile = {}",
-            Value::from(profile.as_str())
-        ));
+        let profile = Value::from(profile.as_str());
+        lines.push(format!("sensor.profile = {profile}"));
     }
     let mut layers = vec![Table::try_from(args)?];
     for line in lines {

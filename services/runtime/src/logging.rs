@@ -76,12 +76,8 @@ fn sums(now_ns: u64) -> Vec<String> {
     let ended = repeats.ended(now_ns).into_iter();
     let process = PROCESS.get().unwrap_or(&"log");
     let line = |(level, message, count)| {
-        log_line(
-            process,
-            level,
-            &format!("{message} ({count} more like it)"),
-            &[],
-        )
+        let told = format!("{message} ({count} more like it)");
+        log_line(process, level, &told, &[])
     };
     ended.map(line).collect()
 }

@@ -308,10 +308,8 @@ mod tests {
         let root = instance.root();
         let refuses = |words: &str| {
             let error = Membership::join(&instance, "a").unwrap_err().to_string();
-            assert!(
-                error.contains(words) && error.contains("mode 700"),
-                "{error}"
-            );
+            let is_named = error.contains(words) && error.contains("mode 700");
+            assert!(is_named, "{error}");
         };
         fs::create_dir(root).unwrap();
         fs::set_permissions(root, fs::Permissions::from_mode(0o777)).unwrap();

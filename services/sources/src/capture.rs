@@ -171,10 +171,8 @@ mod tests {
                 let (points, name) = (scan.bytes.len() / 16, format!("{sequence:06}"));
                 let (round, part) = (sequence / 4, sequence as usize % 4);
                 let packets = [38, 75, 75, 37][part];
-                assert_eq!(
-                    (next, points, &scan.name),
-                    (Next::Scan, packets * 384, &name)
-                );
+                let found = (next, points, &scan.name);
+                assert_eq!(found, (Next::Scan, packets * 384, &name));
                 assert_eq!(scan.flags.contains(Flags::DAMAGED_INPUT), packets < 75);
                 // A round begins one period after the last turn began.
                 let begin = round * 263 + [0, 38, 113, 188][part];

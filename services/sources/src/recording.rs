@@ -53,13 +53,9 @@ impl Recording {
     pub(crate) fn open(path: &Path, layout: &Layout) -> anyhow::Result<Recording> {
         let about = || format!("input {}", path.display());
         let summary = summary(path)?;
-        let (topic, channels) = choose(
-            &summary,
-            layout.topic.as_deref(),
-            |c| cloud(c).is_some(),
-            SCANS,
-        )
-        .with_context(about)?;
+        let topic = layout.topic.as_deref();
+        let chosen = choose(&summary, topic, |c| cloud(c).is_some(), SCANS);
+        let (topic, channels) = chosen.with_context(about)?;
         for found in summary.chunk_indexes.iter().map(|chunk| &chunk.compression) {
             if !["", "lz4", "zstd"].contains(&found.as_str()) {
                 let place = "compression of a chunk";
@@ -263,20 +259,14 @@ fn motion(summary: &Summary, layout: &Layout) -> Result<String, SourceError> {
         return refused("deskew: axes", "x,y,z", &layout.axes);
     }
     let has = |topic: &str| {
-        summary
-            .channels
-            .values()
-            .any(|c| c.topic == topic && is_motion(c))
+        let mut channels = summary.channels.values();
+        channels.any(|c| c.topic == topic && is_motion(c))
     };
     let wanted = layout.odometry.as_deref();
     let wanted = wanted.or(has(TF[0]).then_some(TF[0]));
     let is_taken = |channel: &Channel| channel.topic != TF[1] && is_motion(channel);
-    let found = choose(
-        summary,
-        wanted,
-        is_taken,
-        ["poses", &POSES.join(", "), "--odometry"],
-    );
+    let poses = POSES.join(", ");
+    let found = choose(summary, wanted, is_taken, ["poses", &poses, "--odometry"]);
     found.map(|(topic, _)| topic)
 }
 

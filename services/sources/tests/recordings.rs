@@ -11,9 +11,8 @@ const POINTS: [f32; 12] = [
 ];
 
 fn recording(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("tests/recordings")
-        .join(name)
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings");
+    folder.join(name)
 }
 
 fn open(path: &Path, topic: Option<&str>, repeat: bool) -> Result<Source, String> {
@@ -57,11 +56,7 @@ fn the_same_points_come_from_every_message_and_compression() {
         let is_whole = scan.flags == Flags::default();
         assert_eq!(is_whole, count == 3, "{name} {topic:?}");
         // When it was recorded, where nothing tells the sensor's time.
-        let stamp_ns = if count > 0 {
-            5_000_000_006
-        } else {
-            1_000_000_000
-        };
+        let stamp_ns = [1_000_000_000, 5_000_000_006][usize::from(count > 0)];
         assert_eq!(scan.stamp_ns, Some(stamp_ns));
     }
 }
@@ -101,20 +96,13 @@ fn points_are_corrected_by_whatever_tells_of_motion() {
         for sequence in 0..2 {
             let mut scan = Scan::default();
             assert_eq!(load(&mut source, sequence, &mut scan), Next::Scan);
-            let numbers = scan
-                .bytes
-                .as_chunks()
-                .0
-                .iter()
-                .map(|v| f32::from_le_bytes(*v));
-            let numbers: Vec<f32> = numbers.collect();
+            let (bytes, _) = scan.bytes.as_chunks();
+            let numbers: Vec<f32> = bytes.iter().map(|v| f32::from_le_bytes(*v)).collect();
             for (number, [x, y, z, _]) in numbers.as_chunks::<4>().0.iter().enumerate() {
                 // The sensor looks to the robot's left: what is ahead of the robot lies to its right.
                 let off = [x - 10.0, y + 0.1 * number as f32, z + 1.0];
-                assert!(
-                    off.iter().all(|off| off.abs() < 2e-3),
-                    "{odometry:?} {number}: {off:?}"
-                );
+                let is_near = off.iter().all(|off| off.abs() < 2e-3);
+                assert!(is_near, "{odometry:?} {number}: {off:?}");
             }
             assert_eq!((numbers.len(), scan.flags), (44, Flags::default()));
             let [x, y, z] = scan.pose.unwrap().position_m;

@@ -124,8 +124,7 @@ impl<T: Payload> StageMessages<T> {
         let (run_id, sequence) = frame;
         (self.waiting).retain(|((run, number), _)| *run == run_id && *number >= sequence);
         let found = self.waiting.iter().rposition(|(key, _)| *key == frame);
-        Ok(found
-            .and_then(|at| self.waiting.remove(at))
-            .map(|(_, bytes)| bytes))
+        let kept = found.and_then(|at| self.waiting.remove(at));
+        Ok(kept.map(|(_, bytes)| bytes))
     }
 }

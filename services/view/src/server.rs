@@ -118,9 +118,8 @@ fn converse(stream: TcpStream, shared: &Shared, protocol: HeaderValue) -> Result
     let config = config.max_frame_size(Some(REQUEST_MAX));
     #[allow(clippy::result_large_err)] // tungstenite's own type
     let greet = |_: &Request, mut response: Response| {
-        response
-            .headers_mut()
-            .insert("sec-websocket-protocol", protocol);
+        let headers = response.headers_mut();
+        headers.insert("sec-websocket-protocol", protocol);
         Ok(response)
     };
     let mut socket = match accept_hdr_with_config(stream, greet, Some(config)) {
@@ -146,11 +145,8 @@ fn converse(stream: TcpStream, shared: &Shared, protocol: HeaderValue) -> Result
             let answer = json!({"op": "status", "level": 2, "message": message});
             socket.send(Message::text(answer.to_string()))?;
         }
-        let newest = shared
-            .newest
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone();
+        let newest = shared.newest.lock();
+        let newest = newest.unwrap_or_else(PoisonError::into_inner).clone();
         let Some(moment) = newest.filter(|moment| moment.log_ns != sent_ns) else {
             continue;
         };

@@ -102,9 +102,8 @@ fn is_found_out(kind: &str, program: &[String], faults: &str) {
 
 #[test]
 fn a_refiner_with_a_fault_is_found_out() {
-    let program = built_program("examples/wrong_refiner")
-        .display()
-        .to_string();
+    let program = built_program("examples/wrong_refiner");
+    let program = program.display().to_string();
     is_found_out("refiner", &[program], include_str!("faults_refiner.txt"));
 }
 

@@ -65,11 +65,8 @@ fn corners_m(shape: &Box3) -> [[f64; 3]; 8] {
     std::array::from_fn(|i| {
         let [x, y] = footprint_m[i % 4];
         let half_m = shape.size_m[2] / 2.0;
-        [
-            x,
-            y,
-            shape.center_m[2] + if i < 4 { -half_m } else { half_m },
-        ]
+        let up_m = if i < 4 { -half_m } else { half_m };
+        [x, y, shape.center_m[2] + up_m]
     })
 }
 

@@ -233,10 +233,8 @@ fn check_instances() -> Vec<Finding> {
     let is_lost = |file: &fs::DirEntry| {
         let file = file.file_name();
         let (file, mut names) = (file.to_string_lossy(), names.iter());
-        !names.any(|name| {
-            file.strip_prefix(name)
-                .is_some_and(|rest| rest.starts_with('.'))
-        })
+        let is_more = |rest: &str| rest.starts_with('.');
+        !names.any(|name| file.strip_prefix(name).is_some_and(is_more))
     };
     let lost = files.iter().filter(|file| is_lost(file)).count();
     if lost > 0 {

@@ -63,11 +63,8 @@ fn of_stages(snapshot: &Snapshot, samples: &mut Vec<Sample>) {
         };
         add("mluc_stage_up", "", health.is_some().into());
         if let Some(health) = health {
-            add(
-                "mluc_stage_refused_total",
-                "",
-                health.messages_refused as f64,
-            );
+            let refused = health.messages_refused as f64;
+            add("mluc_stage_refused_total", "", refused);
             let us = [health.run_p50_us, health.run_p99_us, health.run_max_us];
             for (quantile, us) in ["0.5", "0.99", "1"].iter().zip(us) {
                 let label = format!(",quantile=\"{quantile}\"");

@@ -387,9 +387,8 @@ fn oom_kills() -> u64 {
 /// By a signal (state T of the kernel).
 fn is_stopped(pid: u32) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    stat.rsplit(')')
-        .next()
-        .is_some_and(|rest| rest.trim_start().starts_with(['T', 't']))
+    let rest = stat.rsplit(')').next();
+    rest.is_some_and(|rest| rest.trim_start().starts_with(['T', 't']))
 }
 
 /// A frame may take twice as long as the longest one so far: a slow network is no hang. 0: no limit.

@@ -8,9 +8,8 @@ const MAGIC: &[u8] = b"\x93NUMPY";
 
 pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> {
     let fault = |found: &str| SourceError::field("header", "that of a NumPy array", found);
-    let rest = file
-        .strip_prefix(MAGIC)
-        .ok_or_else(|| fault("another file"))?;
+    let rest = file.strip_prefix(MAGIC);
+    let rest = rest.ok_or_else(|| fault("another file"))?;
     let (header, data) = header(rest).ok_or_else(|| fault("its end"))?;
     let (descr, shape) = (value(header, "descr"), value(header, "shape"));
     let (Some(descr), Some(shape)) = (descr, shape) else {

@@ -134,9 +134,8 @@ impl Table {
     /// The value in a row; `None` beyond the end of the data.
     pub(super) fn value(&self, column: &Column, row: usize) -> Option<f64> {
         let start = column.start.checked_add(row.checked_mul(column.stride)?)?;
-        let from = self
-            .data
-            .get(start..start.checked_add(column.kind.bytes())?)?;
+        let end = start.checked_add(column.kind.bytes())?;
+        let from = self.data.get(start..end)?;
         Some(column.kind.read(from, self.is_big_endian))
     }
 }

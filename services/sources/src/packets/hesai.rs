@@ -137,10 +137,8 @@ impl Hesai {
                 let offsets_deg = profile.azimuth_offsets_deg.iter().copied();
                 let offsets_deg = offsets_deg.chain(std::iter::repeat(0.0));
                 let elevations_deg = profile.elevations_deg.iter().copied();
-                elevations_deg
-                    .zip(offsets_deg)
-                    .map(<[f32; 2]>::from)
-                    .collect()
+                let angles = elevations_deg.zip(offsets_deg);
+                angles.map(<[f32; 2]>::from).collect()
             }
             Some(Calibration::Hesai(channels)) if channels.len() == layout.channels => {
                 channels.clone()
@@ -202,17 +200,13 @@ impl Hesai {
                 let (sin, cos) = direction.sin_cos();
                 let shot_ns = at_ns(i64::from(layout.channel_ns[ring]));
                 let distances = pair.map(|(bytes, _)| u32::from(u16_at(bytes, 0)));
-                sweep.shot(
-                    distances,
-                    pair.map(|(_, echo)| echo),
-                    |slot, echo, sweep| {
-                        let distance_m = (distances[slot] * u32::from(unit_mm)) as f32 * 0.001;
-                        let [level_m, z_m] =
-                            [channel[2], channel[1]].map(|share| share * distance_m);
-                        let xyz_m = [level_m * cos, -level_m * sin, z_m];
-                        sweep.point(xyz_m, pair[slot].0[2], shot_ns, ring as u16, echo);
-                    },
-                );
+                let echoes = pair.map(|(_, echo)| echo);
+                sweep.shot(distances, echoes, |slot, echo, sweep| {
+                    let distance_m = (distances[slot] * u32::from(unit_mm)) as f32 * 0.001;
+                    let [level_m, z_m] = [channel[2], channel[1]].map(|share| share * distance_m);
+                    let xyz_m = [level_m * cos, -level_m * sin, z_m];
+                    sweep.point(xyz_m, pair[slot].0[2], shot_ns, ring as u16, echo);
+                });
             }
         }
         Ok(())

@@ -315,9 +315,8 @@ fn beams(lasers: Vec<Laser>) -> Vec<Beam> {
     let elevations: Vec<f32> = lasers.iter().map(|laser| laser.vert_correction).collect();
     let beam = |laser: Laser| {
         let (sin, cos) = laser.vert_correction.sin_cos();
-        let higher = elevations
-            .iter()
-            .filter(|rad| **rad > laser.vert_correction);
+        let higher = elevations.iter();
+        let higher = higher.filter(|rad| **rad > laser.vert_correction);
         let before = elevations[..laser.laser_id].iter();
         let equal = before.filter(|rad| **rad == laser.vert_correction);
         Beam {
