@@ -6,7 +6,7 @@ use std::io::BufWriter;
 use std::path::Path;
 use std::process::ExitCode;
 
-use anyhow::Context;
+use anyhow::{Context, Result};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
 use mluc_gateway::ros2::{encode_bytes, line_topic, stage_topic, topics};
@@ -18,11 +18,7 @@ use serde_json::json;
 /// Finished, but a frame is missing.
 const EXIT_WARNINGS: u8 = 3;
 
-pub(crate) fn record(
-    mut follower: Follower,
-    out: &Path,
-    has_stages: bool,
-) -> anyhow::Result<ExitCode> {
+pub(crate) fn record(mut follower: Follower, out: &Path, has_stages: bool) -> Result<ExitCode> {
     let about = || format!("recording to {}", out.display());
     // Nothing that is there is overwritten.
     let file = BufWriter::new(File::create_new(out).with_context(about)?);

@@ -6,7 +6,7 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, Result};
 use clap::Args;
 use mluc_backbone::Precision;
 use mluc_dataset::Dataset;
@@ -65,7 +65,7 @@ fn hours(text: &str) -> Result<f64, String> {
     hours.ok_or_else(|| format!("expected more than 0 and at most 1000, found '{text}'"))
 }
 
-pub(crate) fn run(arguments: AdaptArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: AdaptArguments) -> Result<()> {
     tune_memory();
     arguments.threads.start()?;
     let out = &arguments.out;
@@ -125,7 +125,7 @@ impl Adaptation<'_> {
         self.out.join("scans").join(split.name())
     }
 
-    fn simulate(&self) -> anyhow::Result<()> {
+    fn simulate(&self) -> Result<()> {
         print_err("step 1 of 4: simulate");
         let counts = [self.plan.scans, self.plan.val_scans];
         for (split, scans) in [Split::Train, Split::Val].into_iter().zip(counts) {
@@ -135,7 +135,7 @@ impl Adaptation<'_> {
         Ok(())
     }
 
-    fn train(&self) -> anyhow::Result<()> {
+    fn train(&self) -> Result<()> {
         print_err("step 3 of 4: train");
         let (request, scans) = (&self.plan.request, self.out.join("scans"));
         let settings = TrainSettings {
@@ -148,7 +148,7 @@ impl Adaptation<'_> {
     }
 
     /// The model of the run with its int8 ranges and its threshold.
-    fn finish_model(&self) -> anyhow::Result<()> {
+    fn finish_model(&self) -> Result<()> {
         print_err("step 4 of 4: int8 ranges, threshold, figures");
         let (trained, path) = (self.run_folder().join("model.safetensors"), self.model());
         let is_done = Model::read(&path).is_ok_and(|model| {
@@ -207,10 +207,7 @@ impl Adaptation<'_> {
     }
 
     /// A model's detections on the validation scans, and how good they are.
-    fn judge(
-        &self,
-        model: &Model,
-    ) -> anyhow::Result<(FrameSet, Vec<DetectedFrame>, ModelJudgement)> {
+    fn judge(&self, model: &Model) -> Result<(FrameSet, Vec<DetectedFrame>, ModelJudgement)> {
         let set = FrameSet::open(&self.scans(Split::Val), None, self.plan.val_scans as usize)?;
         let frames = counted("network", set.names().len(), |step| {
             detect_frames(Precision::default(), model, &set, step)
@@ -221,7 +218,7 @@ impl Adaptation<'_> {
     }
 
     /// The figures of a model file, from `NAME.json` where they are there for this very file.
-    fn judged(&self, name: &str, path: &Path) -> anyhow::Result<report::Figures> {
+    fn judged(&self, name: &str, path: &Path) -> Result<report::Figures> {
         if name == "before" {
             print_err("step 2 of 4: judge the model that training begins with");
         }

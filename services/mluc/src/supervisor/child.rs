@@ -5,7 +5,7 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child as Process, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, Result, bail};
 use mluc_ipc_types::Stage;
 use mluc_runtime::{
     ClaimNote, HealthWatch, Instance, LOG_FORMAT_VARIABLE, MANAGER_VARIABLES, log_format,
@@ -109,7 +109,7 @@ impl Child {
         }
     }
 
-    pub(super) fn start(&mut self, settings: &Settings, start_sequence: u64) -> anyhow::Result<()> {
+    pub(super) fn start(&mut self, settings: &Settings, start_sequence: u64) -> Result<()> {
         let own = &settings.stages[self.stage];
         let supervisor = std::process::id().to_string();
         let mut command =
@@ -169,7 +169,7 @@ impl Child {
         health: &HealthWatch,
         settings: &Settings,
         regular_since_ns: u64,
-    ) -> anyhow::Result<Ended> {
+    ) -> Result<Ended> {
         let own = &settings.stages[self.stage];
         if own.external {
             self.report_silence(health, own, regular_since_ns);
@@ -232,12 +232,7 @@ impl Child {
         Ok(Ended::No)
     }
 
-    fn ended(
-        &mut self,
-        status: ExitStatus,
-        pid: u32,
-        settings: &Settings,
-    ) -> anyhow::Result<Ended> {
+    fn ended(&mut self, status: ExitStatus, pid: u32, settings: &Settings) -> Result<Ended> {
         if status.success() {
             // Ingest's end is that of its input; any other stage that ends fails.
             if self.stage != Stage::Ingest {
@@ -290,7 +285,7 @@ impl Child {
     }
 
     /// It died by itself: a death that repeats without a frame between is no accident.
-    fn judge(&mut self, status: ExitStatus, settings: &Settings) -> anyhow::Result<()> {
+    fn judge(&mut self, status: ExitStatus, settings: &Settings) -> Result<()> {
         let name = self.stage.name();
         self.count_death();
         if status.code() == Some(i32::from(EXIT_USAGE)) && !self.is_foreign {
