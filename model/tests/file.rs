@@ -195,9 +195,8 @@ fn the_paper_s_network_has_its_published_number_of_parameters() {
     let count = |part: &str, network: &Network| -> usize {
         let mut tensors = expected_tensors(network);
         tensors.retain(|(name, _)| name.starts_with(part) && !name.contains("running"));
-        let sizes = tensors
-            .iter()
-            .map(|(_, shape)| shape.iter().product::<usize>());
+        let sizes = tensors.iter();
+        let sizes = sizes.map(|(_, shape)| shape.iter().product::<usize>());
         sizes.sum()
     };
     let second = Network::second(Grid::kitti_second(), 3);

@@ -35,9 +35,8 @@ fn a_consumer_that_keeps_what_it_gets_stops_nobody() {
     let mut run = setting.up("--loop");
     run.wait_for_lines(1);
     let (shell, mut input) = consumer(&setting);
-    let kept: Vec<_> = (0..Topic::OBJECTS.borrowed)
-        .map(|_| next(&mut input))
-        .collect();
+    let count = Topic::OBJECTS.borrowed;
+    let kept: Vec<_> = (0..count).map(|_| next(&mut input)).collect();
     let sequences = || kept.iter().map(|message| message.header().sequence);
     let first: Vec<u64> = sequences().collect();
     run.wait_for_lines(20);

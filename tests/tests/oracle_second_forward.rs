@@ -109,9 +109,8 @@ fn levels(
         let rows = match level.place {
             Place::Sites(sites) => {
                 let sites = sites.coordinates().iter().enumerate();
-                sites
-                    .map(|(row, at)| (at.map(usize::from).to_vec(), row))
-                    .collect()
+                let sites = sites.map(|(row, at)| (at.map(usize::from).to_vec(), row));
+                sites.collect()
             }
             Place::Map(shape) => cells_of(shape),
         };

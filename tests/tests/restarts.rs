@@ -63,10 +63,8 @@ fn a_refiner_behind_a_script_is_killed_and_ends_with_it() {
 fn a_foreign_stage_that_outlives_its_supervisor_is_ended_by_the_next() {
     let setting = Setting::new("orphan", 3);
     let program = mluc_program();
-    let script = format!(
-        "trap '' TERM HUP; {} stage refiner; true",
-        program.display()
-    );
+    let program = program.display();
+    let script = format!("trap '' TERM HUP; {program} stage refiner; true");
     let config = format!("[stages.refiner]\ncommand = [\"sh\", \"-c\", {script:?}]\n");
     let options = format!("{} --loop", setting.config(&config));
     let mut killed = setting.up(&options);

@@ -39,9 +39,8 @@ fn write_scans(setting: &Setting) {
     }
     let _ = std::fs::remove_file(folder.join("rear/000209.bin"));
     for (sensor, ms) in [("front", "100 200 300 400"), ("rear", "140 160 440")] {
-        let stamps = ms
-            .split(' ')
-            .map(|ms| format!("2026-01-01 00:00:00.{ms}\n"));
+        let stamps = ms.split(' ');
+        let stamps = stamps.map(|ms| format!("2026-01-01 00:00:00.{ms}\n"));
         let path = folder.join(format!("{sensor}/timestamps.txt"));
         write_file(&path, stamps.collect::<String>());
     }

@@ -68,9 +68,8 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
         let words =
             "import mluc\nw = mluc.Watch()\nwhile w.status() is None: pass\nprint(w.status()[0])";
         let mut python = Command::new(&command[0]);
-        python
-            .args(["-c", words])
-            .current_dir(root().join("python"));
+        python.args(["-c", words]);
+        python.current_dir(root().join("python"));
         python.env("MLUC_INSTANCE", &setting.instance);
         let said = Running::start(&mut python).finish();
         let is_state = StatusState::NAMES.contains(&said.text().trim());

@@ -17,9 +17,8 @@ impl Random {
 
     /// -0.5 to 0.5.
     pub(crate) fn values(&mut self, count: usize) -> Vec<f32> {
-        (0..count)
-            .map(|_| self.below(1 << 20) as f32 / (1 << 20) as f32 - 0.5)
-            .collect()
+        let mut value = || self.below(1 << 20) as f32 / (1 << 20) as f32 - 0.5;
+        (0..count).map(|_| value()).collect()
     }
 
     /// `absent_percent` of the entries are [`ABSENT`].
@@ -139,9 +138,9 @@ fn each_product(
 
 /// `to += x * from`.
 fn add(to: &mut [f64], x: f64, from: &[f32]) {
-    to.iter_mut()
-        .zip(from)
-        .for_each(|(to, from)| *to += x * f64::from(*from));
+    for (to, from) in to.iter_mut().zip(from) {
+        *to += x * f64::from(*from);
+    }
 }
 
 /// `[tap][cin][cout]` weights; sums in f64, one row of `cout` for each output row.

@@ -62,9 +62,8 @@ impl Splits {
             places = folders.map(|root| root.join("ImageSets")).collect();
             places.dedup();
         }
-        let mut lists = places
-            .iter()
-            .map(|place| place.join(format!("{split}.txt")));
+        let lists = places.iter();
+        let mut lists = lists.map(|place| place.join(format!("{split}.txt")));
         if let Some(list) = lists.find(|list| list.is_file()) {
             return Dataset::open_listed(&root, &list);
         }

@@ -166,9 +166,8 @@ impl Curve {
     /// Area under precision over recall, every threshold taking part, precision made to fall.
     fn area(&self) -> f64 {
         let steps = self.steps.iter();
-        let mut points: Vec<(i64, f64)> = steps
-            .map(|&(_, hits, alarms)| (hits, precision_of((hits, alarms))))
-            .collect();
+        let point = |&(_, hits, alarms)| (hits, precision_of((hits, alarms)));
+        let mut points: Vec<(i64, f64)> = steps.map(point).collect();
         points.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
         let (mut area, mut best) = (0.0, 0.0f64);
         for i in (0..points.len()).rev() {

@@ -106,10 +106,8 @@ mod tests {
                 for object in &frame.objects {
                     let shape = object.box_in_sensor;
                     let hits = frame.points.iter().zip(&beams);
-                    let mut hits: Vec<usize> = hits
-                        .filter(|(p, _)| shape.has_point(p))
-                        .map(|(_, beam)| *beam)
-                        .collect();
+                    let hits = hits.filter(|(p, _)| shape.has_point(p));
+                    let mut hits: Vec<usize> = hits.map(|(_, beam)| *beam).collect();
                     hits.dedup();
                     let found = count_rings(&shape, &points, gap_deg);
                     objects += 1;

@@ -228,9 +228,8 @@ fn checked(class: &str, iou_min: f64) -> Result<f64> {
 /// The overlap asked for, else KITTI's, else 0.7 for trucks and vans and 0.5 for others.
 fn overlap_of(class: &str, asked: &[(String, f64)]) -> f64 {
     let asked = asked.iter().map(|(name, iou)| (name.as_str(), *iou));
-    let mut known = asked
-        .chain(KITTI_CLASSES)
-        .chain([("truck", 0.7), ("van", 0.7)]);
+    let known = asked.chain(KITTI_CLASSES);
+    let mut known = known.chain([("truck", 0.7), ("van", 0.7)]);
     let found = known.find(|(name, _)| name.eq_ignore_ascii_case(class));
     found.map_or(0.5, |(_, iou)| iou)
 }

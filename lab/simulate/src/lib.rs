@@ -306,9 +306,8 @@ fn turn(
         (None, Family::SimAny) => Some(drawn::sensor(&mut dice(7))),
         (None, _) => None,
     };
-    let height_m = profile
-        .as_ref()
-        .map(|p| p.height_m.unwrap_or_else(|| drawn::height_m(&mut dice(8))));
+    let drawn = || drawn::height_m(&mut dice(8));
+    let height_m = profile.as_ref().map(|p| p.height_m.unwrap_or_else(drawn));
     let ground = ground::Ground::draw(family, height_m, &mut dice(1));
     let on_vehicle = profile.as_ref().filter(|_| family == Family::SimAny);
     let ego = on_vehicle.map(|profile| {

@@ -330,10 +330,8 @@ impl Sensor {
             return (start, direction);
         };
         let (at, heading) = motion.pose(self.share_left(shot.1));
-        (
-            at + turned_by(start, heading),
-            turned_by(direction, heading),
-        )
+        let [start, direction] = [start, direction].map(|of| turned_by(of, heading));
+        (at + start, direction)
     }
 
     /// Of the turn, at a column.

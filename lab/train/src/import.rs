@@ -45,11 +45,8 @@ pub(crate) fn start_from(
         (taken, rows) = (taken + copied, rows + names.len());
         let missing = names.len() - copied;
         if missing > 0 {
-            fresh.push(format!(
-                "{missing} of {} rows of {}",
-                names.len(),
-                head.name
-            ));
+            let (all, name) = (names.len(), &head.name);
+            fresh.push(format!("{missing} of {all} rows of {name}"));
         }
     }
     if taken_layers + taken == 0 {

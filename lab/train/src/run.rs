@@ -138,9 +138,8 @@ impl Run {
         let epoch_steps = (self.source.count().div_ceil(settings.batch) as u64).max(1);
         for step in first..settings.steps {
             let ended = || format!("the thread that prepares batches ended before step {step}");
-            let batch = batches
-                .take()
-                .ok_or_else(|| TrainError::Stopped(ended()))??;
+            let ended = || TrainError::Stopped(ended());
+            let batch = batches.take().ok_or_else(ended)??;
             let progress = self.trainer.step(&batch)?;
             let done = progress.step;
             if let Some(line) = log.add(progress)? {

@@ -177,9 +177,8 @@ mod tests {
                 ..local.place(&bounds, 1.0)
             }
         };
-        [0, 1]
-            .map(|class| (0..20).map(|_| sample(class)).collect())
-            .into()
+        let samples = |class| (0..20).map(|_| sample(class)).collect();
+        [0, 1].map(samples).into()
     }
 
     #[test]

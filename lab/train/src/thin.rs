@@ -17,9 +17,8 @@ pub fn thin(points: &mut Vec<[f32; 4]>, random: &mut Random) {
         let band_rad = random.uniform(BAND_RAD[0], BAND_RAD[1]) as f32;
         let kept = random.uniform(KEPT[0], KEPT[1]);
         let bands = (std::f32::consts::PI / band_rad).ceil() as usize + 1;
-        let stays: Vec<bool> = (0..bands)
-            .map(|_| random.uniform(0.0, 1.0) < kept)
-            .collect();
+        let stays = (0..bands).map(|_| random.uniform(0.0, 1.0) < kept);
+        let stays: Vec<bool> = stays.collect();
         points.retain(|[x, y, z, _]| {
             let elevation_rad = z.atan2(x.hypot(*y)) + std::f32::consts::FRAC_PI_2;
             stays[(elevation_rad / band_rad) as usize]

@@ -49,9 +49,8 @@ pub fn log_line(process: &str, level: Level, message: &str, fields: &[(&str, Str
         let level = level.as_str();
         return json!({"time": time, "level": level, "process": process, "message": message, "fields": fields}).to_string();
     }
-    let fields = fields
-        .iter()
-        .map(|(name, value)| format!(" {name}={value}"));
+    let fields = fields.iter();
+    let fields = fields.map(|(name, value)| format!(" {name}={value}"));
     let fields: String = fields.collect();
     // One line an event.
     let text = format!("{message}{fields}").replace('\n', "\\n");

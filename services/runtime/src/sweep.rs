@@ -74,9 +74,8 @@ fn open_segments() -> HashSet<PathBuf> {
         entries(&folder).collect::<Vec<_>>()
     });
     let paths = descriptors.filter_map(|descriptor| fs::read_link(descriptor.path()).ok());
-    paths
-        .filter(|path| path.starts_with(SHARED_MEMORY))
-        .collect()
+    let own = paths.filter(|path| path.starts_with(SHARED_MEMORY));
+    own.collect()
 }
 
 /// iceoryx2 0.10 makes its management segment writable for everybody, and one byte from another user would stop every later

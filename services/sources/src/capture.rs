@@ -184,12 +184,8 @@ mod tests {
             calibration: Some("/nowhere.csv".into()),
             ..Layout::default()
         };
-        let error = CaptureScans::open(Path::new("any.pcap"), &layout)
-            .err()
-            .unwrap();
-        assert!(
-            format!("{error:#}").contains("calibration /nowhere.csv"),
-            "{error:#}"
-        );
+        let opened = CaptureScans::open(Path::new("any.pcap"), &layout);
+        let error = format!("{:#}", opened.err().unwrap());
+        assert!(error.contains("calibration /nowhere.csv"), "{error}");
     }
 }

@@ -23,9 +23,8 @@ pub(crate) fn record(mut follower: Follower, out: &Path, has_stages: bool) -> Re
     // Nothing that is there is overwritten.
     let file = BufWriter::new(File::create_new(out).with_context(about)?);
     // lz4: the pipeline needs the processor.
-    let options = WriteOptions::new()
-        .profile("ros2")
-        .compression(Some(Compression::Lz4));
+    let options = WriteOptions::new().profile("ros2");
+    let options = options.compression(Some(Compression::Lz4));
     let mut writer = options.create(file).with_context(about)?;
     let mut channels = vec![];
     let line = line_topic();

@@ -135,9 +135,8 @@ pub fn choose_threshold(
         ("ap_unknown", point.ap_unknown),
         ("map_harm", point.map_harm()),
     ];
-    let mut metrics = figures
-        .map(|(name, value)| (name.to_owned(), value))
-        .to_vec();
+    let named = figures.map(|(name, value)| (name.to_owned(), value));
+    let mut metrics = named.to_vec();
     let of_class = |c: &ClassReport| (format!("ap_closed_{}", c.rule.name), c.main().ap.r40);
     metrics.extend(judgement.closed.known().map(of_class));
     Ok(Choice {

@@ -145,9 +145,8 @@ impl Child {
         for variable in MANAGER_VARIABLES {
             command.env_remove(variable);
         }
-        let process = command
-            .spawn()
-            .with_context(|| format!("starting stage {}", self.stage.name()))?;
+        let about = || format!("starting stage {}", self.stage.name());
+        let process = command.spawn().with_context(about)?;
         self.process = Some(process);
         self.oom_kills_before = oom_kills();
         self.started_ns = monotonic_ns();

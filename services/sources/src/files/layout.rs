@@ -126,9 +126,8 @@ impl Layout {
         let axes: Option<Vec<(usize, f64)>> = words.collect();
         let fault =
             || SourceError::field("axes", "x, y and z once each, as in `y,-x,z`", &self.axes);
-        let axes: [(usize, f64); 3] = axes
-            .and_then(|axes| axes.try_into().ok())
-            .ok_or_else(fault)?;
+        let axes = axes.and_then(|axes| axes.try_into().ok());
+        let axes: [(usize, f64); 3] = axes.ok_or_else(fault)?;
         let mut places = axes.map(|(place, _)| place);
         places.sort_unstable();
         let has_all = places == [0, 1, 2];

@@ -126,9 +126,8 @@ impl Table {
     /// The column of the first of these names that there is, in any case.
     pub(super) fn column(&self, names: &[&str]) -> Option<&Column> {
         let is_named = |column: &&Column, name: &str| column.name.eq_ignore_ascii_case(name);
-        names
-            .iter()
-            .find_map(|name| self.columns.iter().find(|column| is_named(column, name)))
+        let find = |name: &&str| self.columns.iter().find(|column| is_named(column, name));
+        names.iter().find_map(find)
     }
 
     /// The value in a row; `None` beyond the end of the data.

@@ -76,9 +76,8 @@ fn compressed() -> Vec<u8> {
         columns.extend((0..3).flat_map(|i| rows[i * 19 + start..][..bytes].to_vec()));
     }
     let runs = columns.chunks(32);
-    let packed: Vec<u8> = runs
-        .flat_map(|run| [&[run.len() as u8 - 1], run].concat())
-        .collect();
+    let runs = runs.flat_map(|run| [&[run.len() as u8 - 1], run].concat());
+    let packed: Vec<u8> = runs.collect();
     let sizes = [packed.len() as u32, columns.len() as u32].map(u32::to_le_bytes);
     [sizes.as_flattened(), &packed].concat()
 }

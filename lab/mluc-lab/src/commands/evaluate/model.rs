@@ -95,9 +95,8 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     };
     let precision = arguments.precision;
     let frames = if arguments.parts.is_empty() {
-        counted("network", set.names().len(), |step| {
-            detect_frames(precision, &model, &set, step)
-        })?
+        let detect = |step: &(dyn Fn() + Sync)| detect_frames(precision, &model, &set, step);
+        counted("network", set.names().len(), detect)?
     } else {
         read_parts(&arguments.parts, &model, precision, &set)?
     };
