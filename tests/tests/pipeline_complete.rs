@@ -145,9 +145,7 @@ fn payloads_are_read_where_they_lie_and_written_once() {
         heard = ready.filter_map(|stage| watch.of(stage).copied()).collect();
         heard.len() == 4
     });
-    let [ingest, backbone, head, refiner] = heard[..] else {
-        unreachable!("all four")
-    };
+    let [ingest, backbone, head, refiner]: [_; 4] = heard.try_into().expect("all four");
     let written = |health: &mluc_ipc_types::Health| u64::from(health.bytes_written);
     assert_eq!(written(&ingest), scan_bytes, "the scan enters once");
     assert_eq!(backbone.bytes_read, scan_bytes, "and is read in full");

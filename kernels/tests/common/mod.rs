@@ -110,11 +110,8 @@ pub(crate) fn dense(width: usize, height: usize) -> Gather {
     let entry = |(cell, tap): (usize, usize)| {
         let (y, x) = (cell / width + tap / 3, cell % width + tap % 3);
         let inside = (1..=height).contains(&y) && (1..=width).contains(&x);
-        if inside {
-            ((y - 1) * width + x - 1) as u32
-        } else {
-            ABSENT
-        }
+        let index = || ((y - 1) * width + x - 1) as u32;
+        inside.then(index).unwrap_or(ABSENT)
     };
     let cells = (0..width * height).flat_map(|cell| (0..9).map(move |tap| (cell, tap)));
     Gather::new(9, cells.map(entry).collect())

@@ -223,18 +223,11 @@ score|Car 0 1 0 0 0 9 9 1.5 1.6 -3.9 1 1.7 20 0 0.5|field length: expected a siz
                 panic!("{row}");
             };
             let scored = kind == "score";
-            let first = if scored {
-                format!("{CAR} 1")
-            } else {
-                CAR.to_owned()
-            };
-            let text = format!("{first}\n{}", text.replace("CAR", CAR));
+            let score = if scored { " 1" } else { "" };
+            let text = format!("{CAR}{score}\n{}", text.replace("CAR", CAR));
             let fault = parsed(&text, scored).expect_err(row);
-            let place = if expected.starts_with("field") {
-                ", "
-            } else {
-                ": "
-            };
+            let is_field = expected.starts_with("field");
+            let place = if is_field { ", " } else { ": " };
             assert_eq!(fault, format!("a.txt, line 2{place}{expected}"));
         }
         let boxless = CAR.replace("1.5 1.6 3.9", "-1 -1 -1") + " 0.5";

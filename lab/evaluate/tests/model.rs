@@ -85,9 +85,8 @@ fn without_the_gate_the_objects_are_the_detections() {
     let found = objects_at(model, gate, set, &frames, &settings, asked, &|| ()).expect("objects");
     let classes = model.manifest.class_names();
     for (index, frame) in frames.iter().enumerate() {
-        let [objects, gated] = &found.objects[index][..] else {
-            panic!("two thresholds")
-        };
+        let pair: &[_; 2] = found.objects[index][..].try_into().expect("two thresholds");
+        let [objects, gated] = pair;
         let count = frame.detections.len();
         assert!(count > 10 && objects.len() == count, "{count} boxes");
         for (object, detection) in objects.iter().zip(&frame.detections) {

@@ -54,11 +54,7 @@ impl Simulation {
 
     pub(crate) fn command(&self) -> String {
         let o = &self.options;
-        let synthetic = if o.synthetic_unknown {
-            " --synthetic-unknown"
-        } else {
-            ""
-        };
+        let synthetic = ["", " --synthetic-unknown"][usize::from(o.synthetic_unknown)];
         format!(
             "mluc-lab simulate --family {} --split {}{synthetic} --frames {} --seed {} --out {}",
             o.family.name(),

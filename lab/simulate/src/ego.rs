@@ -7,19 +7,9 @@ use super::random::Dice;
 use mluc_model::SensorProfile;
 
 /// Without a body that is seen: a car's own ground and free space before it, m.
-pub(crate) const CAR: Footprint = Footprint {
-    x: 0.5,
-    y: 0.0,
-    yaw: 0.0,
-    half: [3.5, 1.3],
-};
+pub(crate) const CAR: Footprint = Footprint::ahead(0.5, [3.5, 1.3]);
 /// The same of a small robot, m.
-const ROBOT: Footprint = Footprint {
-    x: 0.2,
-    y: 0.0,
-    yaw: 0.0,
-    half: [0.9, 0.6],
-};
+const ROBOT: Footprint = Footprint::ahead(0.2, [0.9, 0.6]);
 /// How often the sensor sees its own vehicle: a guess.
 const SEEN: f32 = 0.45;
 /// Trucks from this height of the sensor, m.

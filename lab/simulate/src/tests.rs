@@ -307,11 +307,8 @@ fn labels_read_back_within_a_centimetre() {
             let last = plane.lines().last().unwrap_or_default().split(' ');
             let numbers: Vec<f64> = last.map(|n| n.parse().expect("a number")).collect();
             let (b, d) = (numbers[1], numbers[3]);
-            let heights = if family == Family::SimAny {
-                0.29..3.01
-            } else {
-                1.5..1.9
-            };
+            let is_any = family == Family::SimAny;
+            let heights = if is_any { 0.29..3.01 } else { 1.5..1.9 };
             assert!(b < -0.98 && heights.contains(&d), "plane {b} {d}");
         }
     }

@@ -15,11 +15,8 @@ use crate::trainer::Trainer;
 
 /// The model file of `path`: itself, or that of a run's folder.
 pub(crate) fn model_path(path: &Path) -> PathBuf {
-    if path.is_dir() {
-        path.join("model.safetensors")
-    } else {
-        path.to_owned()
-    }
+    let inside = path.is_dir().then(|| path.join("model.safetensors"));
+    inside.unwrap_or_else(|| path.to_owned())
 }
 
 /// Takes what fits into `trainer`; says what it took. `path`: as at [`model_path`].

@@ -25,12 +25,8 @@ pub struct TrainSettings {
     #[arg(long, value_enum, default_value = "compact")]
     pub architecture: Architecture,
     /// What its heads learn.
-    #[arg(
-        long = "network",
-        value_enum,
-        default_value = "metric",
-        value_name = "NETWORK"
-    )]
+    #[arg(long = "network", value_name = "NETWORK")]
+    #[arg(value_enum, default_value = "metric")]
     pub kind: NetworkKind,
     /// Folder with train/ and val/ in KITTI's format (`mluc-lab simulate` makes them); all scans in them are taken, lists in ImageSets are not read.
     #[arg(long)]
@@ -67,11 +63,8 @@ pub struct TrainSettings {
     pub validate_frames: usize,
     /// Classes of labels that the network does not know, beside KITTI's and the simulator's: their place teaches nothing. Any other class is
     /// an error: misspelt, its objects would be left out without a word.
-    #[arg(
-        long = "ignore-classes",
-        value_delimiter = ',',
-        value_name = "CLASS,.."
-    )]
+    #[arg(long = "ignore-classes", value_name = "CLASS,..")]
+    #[arg(value_delimiter = ',')]
     pub ignored_classes: Vec<String>,
     /// Steps between checkpoints.
     #[arg(long, default_value_t = 200)]

@@ -17,6 +17,7 @@ use tracing::field::{Field, Visit};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::prelude::*;
 
+use crate::monotonic_ns;
 use repeats::Repeats;
 pub use stderr::PatientStderr;
 
@@ -59,11 +60,7 @@ pub fn log_line(process: &str, level: Level, message: &str, fields: &[(&str, Str
 
 /// Writes the sums of messages that repeated and whose time is over; at the end of a process, of all.
 pub fn tell_repeats(is_end: bool) {
-    let now_ns = if is_end {
-        u64::MAX
-    } else {
-        crate::monotonic_ns()
-    };
+    let now_ns = if is_end { u64::MAX } else { monotonic_ns() };
     for line in sums(now_ns) {
         let _ = PatientStderr(Duration::ZERO).write_all(format!("{line}\n").as_bytes());
     }

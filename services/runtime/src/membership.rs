@@ -144,11 +144,7 @@ fn is_ours_alone(instance: &Instance) -> Result<bool> {
         return Ok(true);
     }
     let expected = format!("a folder of user {}, mode 700", geteuid().as_raw());
-    let kind = if about.is_dir() {
-        "a folder"
-    } else {
-        "no folder"
-    };
+    let kind = ["no folder", "a folder"][usize::from(about.is_dir())];
     let cause = format!(
         "{}: expected {expected}, found {kind} of user {uid}, mode {mode:o}; have it removed, or choose another --instance",
         root.display()

@@ -238,7 +238,7 @@ mod tests {
         let (mut scan, mut loaded, mut missed) = (Scan::default(), 0, 0);
         std::thread::sleep(Duration::from_millis(200));
         while scan.name != "000003" {
-            let is_scan = |next: Result<Next, _>, _: &_| matches!(next, Ok(Next::Scan));
+            let is_scan = |next: &anyhow::Result<_>, _: &_| matches!(next, Ok(Next::Scan));
             next(&mut live, &mut scan, is_scan).unwrap();
             (loaded, missed) = (loaded + 1, missed + scan.missed);
         }

@@ -86,9 +86,7 @@ fn is_found_out(kind: &str, program: &[String], faults: &str) {
     assert_eq!(found, (Some(0), &Value::from(0)), "{report:#}");
     for line in faults.lines() {
         let words: Vec<&str> = line.split(" | ").collect();
-        let [fault, case, word] = words[..] else {
-            panic!("{line}")
-        };
+        let [fault, case, word]: [&str; 3] = words.try_into().expect(line);
         let (code, report) = of(fault, &["--case", case, "--patience-s", "4"]);
         let found = &report["cases"][0];
         let what = found["what"].as_str().unwrap_or_default();

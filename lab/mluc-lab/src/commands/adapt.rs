@@ -40,12 +40,8 @@ pub(crate) struct AdaptArguments {
     #[arg(long, value_name = "NAME|FILE")]
     sensor: String,
     /// The classes to know: car, van, truck, pedestrian, cyclist, golf_cart, forklift; all others are unknown.
-    #[arg(
-        long,
-        value_delimiter = ',',
-        default_value = "car,pedestrian,cyclist",
-        value_name = "CLASS,.."
-    )]
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
+    #[arg(default_value = "car,pedestrian,cyclist")]
     known: Vec<Class>,
     /// Hours that all of it may take on this machine.
     #[arg(long, default_value_t = 1.0, value_parser = hours, value_name = "HOURS")]

@@ -73,11 +73,8 @@ fn corners_m(shape: &Box3) -> [[f64; 3]; 8] {
 /// Twelve edges and a filled front.
 fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, corners: &[[f32; 2]]) {
     let color = color_of(drawn);
-    let width = if drawn.kind == BoxKind::Unknown {
-        2.5
-    } else {
-        1.5
-    };
+    let is_unknown = drawn.kind == BoxKind::Unknown;
+    let width = if is_unknown { 2.5 } else { 1.5 };
     canvas.polygon(&[0, 3, 7, 4].map(|i| corners[i]), color, 0.3);
     for i in 0..4 {
         for (a, b) in [(i, (i + 1) % 4), (i + 4, (i + 1) % 4 + 4), (i, i + 4)] {

@@ -218,11 +218,8 @@ impl Child {
             self.was_stopped = is_stopped(self.pid());
             self.signal(Signal::KILL);
             let name = self.stage.name();
-            let what = if self.was_stopped {
-                "is stopped by a signal"
-            } else {
-                "hangs"
-            };
+            let stopped = "is stopped by a signal";
+            let what = if self.was_stopped { stopped } else { "hangs" };
             tracing::error!(
                 stage = name,
                 "{what}: {silent_ms} ms without a sign of life, {limit_ms} allowed ({key} of [stages.{name}]): killed"

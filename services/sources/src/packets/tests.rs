@@ -346,11 +346,9 @@ fn a_calibration_that_cannot_be_is_an_error_with_its_place() {
     let not_a_number = yaml(16).replace("correction: 0.1}", "correction: .nan}");
     let named_twice = yaml(16).replace("id: 3", "id: 4");
     let too_few = legacy.replace("[20, 5", "[5");
+    let formats = "Velodyne's YAML, Hesai's CSV or Ouster's JSON";
     let cases = [
-        (
-            String::new(),
-            "Velodyne's YAML, Hesai's CSV or Ouster's JSON",
-        ),
+        (String::new(), formats),
         ("lasers: 5".into(), "YAML: expected a list `lasers`"),
         (named_twice, "each laser_id from 0 on"),
         (not_a_number, "laser 0"),

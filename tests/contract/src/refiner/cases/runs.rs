@@ -1,7 +1,7 @@
 //! Which run a frame belongs to, which sequences that run may have; a side that was built with another contract, or runs another model.
 
 use anyhow::{Context, ensure};
-use mluc_ipc_types::{Flags, WIRE_VERSION};
+use mluc_ipc_types::{Flags, Health, WIRE_VERSION};
 
 use super::Outcome;
 use crate::refiner::answer::is_flagged;
