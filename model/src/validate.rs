@@ -307,11 +307,8 @@ fn require(holds: bool, field: &str, expected: impl Display, found: impl Display
     if holds {
         return Ok(());
     }
-    Err(ModelError::Field {
-        field: field.into(),
-        expected: expected.to_string(),
-        found: found.to_string(),
-    })
+    let (expected, found) = (expected.to_string(), found.to_string());
+    Err(ModelError::Field(field.into(), expected, found))
 }
 
 /// Field without its `prefix`, value, least and largest of several.

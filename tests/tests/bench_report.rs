@@ -70,21 +70,13 @@ fn every_stage_and_hop_has_its_figures(report: &Value) {
 }
 
 fn the_circumstances_are_told(report: &Value) {
-    for pointer in [
-        "/machine/kernel",
-        "/machine/governor",
-        "/build/commit",
-        "/build/compiler",
-        "/quiet/verdict",
-        "/scenario/command",
-    ] {
+    let texts = "/machine/kernel /machine/governor /build/commit /build/compiler /quiet/verdict";
+    for pointer in texts.split(' ').chain(["/scenario/command"]) {
         let text = report.pointer(pointer).and_then(Value::as_str);
         assert!(text.is_some_and(|text| !text.is_empty()), "{pointer}");
     }
-    for pointer in [
-        "/stages/backbone/resources/cpu_cores",
-        "/first_frame/latency_us",
-    ] {
+    let cores = "/stages/backbone/resources/cpu_cores";
+    for pointer in [cores, "/first_frame/latency_us"] {
         assert!(number(report, pointer) > 0.0, "{pointer}");
     }
 }

@@ -5,7 +5,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use mluc_tests::{
-    Running, Setting, built_program, cpp_example, leftovers, mluc_program, python_example,
+    Running, Setting, built_program, cpp_example, leftovers, mluc_program, python_example, root,
     send_signal,
 };
 use rustix::process::Signal;
@@ -86,19 +86,7 @@ fn a_scan_that_kills_a_foreign_refiner_twice_is_set_aside() {
         return;
     };
     let setting = Setting::new("poison", 5);
-    let script = setting.folder.path().join("poisoned.py");
-    let text = r#"
-import os, sys
-sys.path.insert(0, os.path.dirname(sys.argv[1]))
-import mluc, refiner
-stage = mluc.Refiner()
-for frame in stage.frames():
-    if bytes(frame.header.name).startswith(b"000002") and len(frame.points):
-        os.abort()
-    objects, indices, _ = refiner.refine(frame.points[:, :3], frame.detections, stage.classes)
-    stage.publish(frame, objects, indices)
-"#;
-    std::fs::write(&script, text).expect("written");
+    let script = root().join("tests/tests/foreign_refiners/poisoned.py");
     let [python, example] = &example[..] else {
         panic!("{example:?}");
     };

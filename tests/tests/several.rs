@@ -6,16 +6,7 @@ use mluc_tests::{Finished, Running, Setting, root, write_file};
 use serde_json::Value;
 
 /// The second one hangs upside down, and looks to the left.
-const LIDARS: &str = "\
-[[lidar]]
-name = 'front'
-input = 'front'
-extrinsics = [0.5, 0.0, 1.75, 0.0, 0.0, 0.0]
-[[lidar]]
-name = 'rear'
-input = 'rear'
-extrinsics = [-1.0, 0.5, 1.5, 3.141592653589793, 0.0, 1.5707963267948966]
-";
+const LIDARS: &str = include_str!("several/lidars.toml");
 
 /// A point of the first sensor as the second one sees it.
 fn in_rear([x, y, z, intensity]: [f32; 4]) -> [f32; 4] {

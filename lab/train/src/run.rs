@@ -257,8 +257,6 @@ fn measure_anchors(
     for anchor in &mut manifest.generic {
         anchor.bottom_z_m = bottom_z_m;
     }
-    manifest.validate().map_err(|cause| {
-        let cause = Box::new(cause);
-        TrainError::Model(ModelError::InFile { path, cause })
-    })
+    let in_file = |cause: ModelError| ModelError::InFile(path, cause.into());
+    Ok(manifest.validate().map_err(in_file)?)
 }

@@ -239,25 +239,7 @@ mod tests {
         (folder, format!("--config={}", file.display()))
     }
 
-    const FILE: &str = r#"
-        instance = "front"
-        input = "scans"
-        model = "any-open"
-        pace = "complete"
-        rate_hz = 10.0
-        loop = true
-        seconds = 3
-        unknown_min = 0.6
-        track = true
-        [stages.backbone]
-        threads = 4
-        [stages.refiner]
-        command = ["python3", "refiner.py"]
-        [refiner]
-        points_min = 9
-        [bench]
-        seconds = 2
-    "#;
+    const FILE: &str = include_str!("resolve_file.toml");
 
     #[test]
     fn the_command_line_wins_over_the_file_and_the_file_over_defaults() {

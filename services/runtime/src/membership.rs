@@ -114,11 +114,8 @@ impl Membership {
         let file = open_lock(&path).map_err(RuntimeError::io("opening", &path))?;
         if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
             let pid = ClaimNote::read(&self.instance, role).map(|note| note.pid.to_string());
-            return Err(RuntimeError::AlreadyRunning {
-                role: role.to_string(),
-                instance: self.instance.name().to_string(),
-                pid: pid.unwrap_or("?".to_string()),
-            });
+            let (name, pid) = (self.instance.name(), pid.unwrap_or("?".to_string()));
+            return Err(RuntimeError::AlreadyRunning(role.into(), name.into(), pid));
         }
         let claim = Claim { file };
         let written = claim.note_frame(None);
