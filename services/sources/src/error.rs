@@ -15,11 +15,7 @@ pub enum SourceError {
 }
 
 impl SourceError {
-    pub(crate) fn field(
-        place: impl Display,
-        expected: impl Display,
-        found: impl Display,
-    ) -> SourceError {
+    pub(crate) fn field(place: impl Display, expected: impl Display, found: impl Display) -> Self {
         SourceError::Unexpected(format!("{place}: expected {expected}, found {found}"))
     }
 
