@@ -16,8 +16,7 @@ fn main() -> io::Result<()> {
         format!("({name:?}, include_str!({path:?})),\n")
     };
     let products: String = paths.iter().map(|path| product(path)).collect();
-    let out = env::var_os("OUT_DIR").map_or("products.rs".into(), |out| {
-        Path::new(&out).join("products.rs")
-    });
+    let folder = env::var_os("OUT_DIR").unwrap_or_default();
+    let out = Path::new(&folder).join("products.rs");
     fs::write(out, format!("&[{products}]"))
 }

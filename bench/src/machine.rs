@@ -64,12 +64,8 @@ pub(crate) fn load() -> f64 {
 
 /// The processes that a process has started and that are left.
 pub(crate) fn children(pid: u32) -> Option<Vec<u32>> {
-    Process::new(pid as i32)
-        .ok()?
-        .task_main_thread()
-        .ok()?
-        .children()
-        .ok()
+    let main = Process::new(pid as i32).ok()?.task_main_thread();
+    main.ok()?.children().ok()
 }
 
 /// The compiler's note in a program: `rustc version 1.95.0 (...)`.

@@ -47,10 +47,8 @@ impl<I: Input> Case<I> {
 
     /// Of all pairs of [`CHANNELS`].
     fn all() -> impl Iterator<Item = Case<I>> {
-        let pairs = CHANNELS
-            .iter()
-            .flat_map(|cin| CHANNELS.map(|cout| (*cin, cout)));
-        let pairs = pairs.enumerate();
+        let pairs_of = |cin: &usize| CHANNELS.map(|cout| (*cin, cout));
+        let pairs = CHANNELS.iter().flat_map(pairs_of).enumerate();
         pairs.map(|(seed, (cin, cout))| Case::random(seed, cin, cout))
     }
 
@@ -239,9 +237,8 @@ fn same_bits_for_a_part_of_the_rows() {
     let weights = Weights::pack(taps, cin, cout, &random.values(taps * cin * cout));
     let all = plainly(&input, &gather, &weights);
     let kept: Vec<usize> = (0..500).filter(|row| row % 7 < 3).collect();
-    let index = kept
-        .iter()
-        .flat_map(|row| &gather.index[row * taps..][..taps]);
+    let rows = kept.iter();
+    let index = rows.flat_map(|row| &gather.index[row * taps..][..taps]);
     let some = Gather::new(taps, index.copied().collect());
     let some = plainly(&input, &some, &weights);
     for (row, some) in kept.iter().zip(some.chunks_exact(cout)) {

@@ -42,14 +42,8 @@ impl Model {
 
     /// Reads and checks a model file.
     pub fn read(path: &Path) -> Result<Model> {
-        let path = path.to_path_buf();
-        match std::fs::read(&path) {
-            Ok(bytes) => Model::from_bytes(&bytes).map_err(|cause| ModelError::InFile {
-                path,
-                cause: Box::new(cause),
-            }),
-            Err(cause) => Err(ModelError::Io { path, cause }),
-        }
+        let bytes = std::fs::read(path).map_err(|cause| ModelError::Io(path.into(), cause))?;
+        Model::from_bytes(&bytes).map_err(|cause| ModelError::InFile(path.into(), cause.into()))
     }
 }
 

@@ -97,10 +97,8 @@ mod tests {
     #[test]
     fn compact_ends_at_two_levels_and_second_on_udi_has_the_papers_map() {
         let last = |network: &Network| *network.sparse_shapes().last().unwrap();
-        assert_eq!(
-            last(&Network::compact(Grid::kitti_compact(), 3)),
-            [2, 200, 176]
-        );
+        let kitti = Network::compact(Grid::kitti_compact(), 3);
+        assert_eq!(last(&kitti), [2, 200, 176]);
         let udi = Network::compact(Grid::udi(), 4);
         assert_eq!((last(&udi), udi.map_channels()), ([2, 256, 256], 96));
         let second = Network::second(Grid::udi(), 4);

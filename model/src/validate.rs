@@ -157,12 +157,8 @@ impl Thresholds {
                 for (number, band) in bands.iter().enumerate() {
                     let field = format!("{field}[{number}]");
                     let least_m = std::mem::replace(&mut range_min_m, band.range_min_m);
-                    within(
-                        &format!("{field}.range_min_m"),
-                        band.range_min_m,
-                        least_m,
-                        1e4,
-                    )?;
+                    let place = format!("{field}.range_min_m");
+                    within(&place, band.range_min_m, least_m, 1e4)?;
                     band.validate(&field)?;
                 }
             }
@@ -311,11 +307,8 @@ fn require(holds: bool, field: &str, expected: impl Display, found: impl Display
     if holds {
         return Ok(());
     }
-    Err(ModelError::Field {
-        field: field.into(),
-        expected: expected.to_string(),
-        found: found.to_string(),
-    })
+    let (expected, found) = (expected.to_string(), found.to_string());
+    Err(ModelError::Field(field.into(), expected, found))
 }
 
 /// Field without its `prefix`, value, least and largest of several.

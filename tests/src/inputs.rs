@@ -102,12 +102,11 @@ impl Setting {
 
     /// The command of [`Setting::up`].
     pub fn up_command(&self, options: &str) -> Command {
-        let pace = if options.contains("--pace") {
-            ""
-        } else {
-            "--pace complete"
-        };
-        self.command(&format!("up --instance {} {pace} {options}", self.instance))
+        let mut words = format!("up --instance {} {options}", self.instance);
+        if !options.contains("--pace") {
+            words += " --pace complete";
+        }
+        self.command(&words)
     }
 
     /// The same to its end, after which nothing is left in shared memory.

@@ -42,9 +42,8 @@ pub fn unique_instance(label: &str) -> String {
 /// Files of an instance in shared memory.
 pub fn leftovers(instance: &str) -> Vec<String> {
     let stem = format!("mluc-{}-{instance}", rustix::process::geteuid().as_raw());
-    let entries = std::fs::read_dir("/dev/shm")
-        .expect("shared memory")
-        .flatten();
+    let folder = std::fs::read_dir("/dev/shm").expect("shared memory");
+    let entries = folder.flatten();
     entries
         .map(|entry| entry.file_name().to_string_lossy().into_owned())
         .filter(|name| *name == stem || name.starts_with(&format!("{stem}.")))
@@ -183,10 +182,8 @@ impl Running {
     #[track_caller]
     pub fn stage(&self, name: &str) -> u32 {
         let stages = self.stages();
-        let mut pids = stages.iter().filter(|(stage, _)| stage == name);
-        let (_, pid) = pids
-            .next()
-            .unwrap_or_else(|| panic!("no {name} in {stages:?}"));
+        let found = stages.iter().find(|(stage, _)| stage == name);
+        let (_, pid) = found.unwrap_or_else(|| panic!("no {name} in {stages:?}"));
         *pid
     }
 
@@ -314,9 +311,8 @@ impl Drop for Running {
         if matches!(self.process.try_wait(), Ok(None)) {
             send_signal(self.pid(), Signal::TERM);
         }
-        wait_for(Duration::from_secs(5), || {
-            !matches!(self.process.try_wait(), Ok(None))
-        });
+        let has_ended = || !matches!(self.process.try_wait(), Ok(None));
+        wait_for(Duration::from_secs(5), has_ended);
         let _ = self.process.kill();
         let _ = self.process.wait();
     }

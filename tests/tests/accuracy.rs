@@ -37,10 +37,8 @@ fn scans(folder: &Path) -> FrameSet {
                 let points = unpack(&read(&path)).expect("a packed scan");
                 let scan = bytemuck::cast_slice(&points);
                 write(&format!("velodyne/{name}.bin"), scan);
-                write(
-                    &format!("label_2/{name}.txt"),
-                    &read(&path.with_extension("txt")),
-                );
+                let labels = read(&path.with_extension("txt"));
+                write(&format!("label_2/{name}.txt"), &labels);
                 write(&format!("calib/{name}.txt"), &calibration);
             }
         }

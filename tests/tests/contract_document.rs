@@ -84,9 +84,8 @@ fn the_document_has_the_topics_settings() {
         assert!(name.starts_with(topic.name));
         let numbers = [&[topic.elements_max][..], &queue(&topic)].concat();
         let words = [name, element].map(str::to_string).into_iter();
-        words
-            .chain(numbers.iter().map(usize::to_string))
-            .collect::<Vec<_>>()
+        let numbers = numbers.iter().map(usize::to_string);
+        words.chain(numbers).collect::<Vec<_>>()
     });
     assert_eq!(said[1..], expected);
 }
@@ -156,13 +155,9 @@ fn the_python_module_is_the_contract() {
         assert_eq!(said, layout.fields, "{}", layout.name);
     }
     assert!(module.contains(&format!("NONE = {WIRE_VERSION}, 3, 2**32 - 1")));
-    let states = StatusState::NAMES
-        .map(|name| format!("{name:?}"))
-        .join(", ");
-    assert!(
-        module.contains(&format!("STATUS_AGE_MAX_NS = ({states})")),
-        "{states}"
-    );
+    let states = StatusState::NAMES.map(|name| format!("{name:?}"));
+    let states = format!("STATUS_AGE_MAX_NS = ({})", states.join(", "));
+    assert!(module.contains(&states), "{states}");
     for topic in [Topic::POINTS, Topic::DETECTIONS, Topic::OBJECTS] {
         let start = format!("\"{}\": (", topic.name);
         let line = module.lines().find(|line| line.contains(&start)).unwrap();

@@ -15,21 +15,17 @@ fn objects<'a>(lines: &'a [Value], key: &str) -> HashMap<String, &'a Vec<Value>>
 
 #[test]
 fn sources_and_consumers_of_ones_own_stand_in_for_ours() {
-    let sources = [python_example("source"), cpp_example("source")];
-    sources
-        .iter()
-        .flatten()
-        .for_each(|source| stands_in(source));
+    for source in [python_example("source"), cpp_example("source")] {
+        source.iter().for_each(|source| stands_in(source));
+    }
 }
 
 fn stands_in(source: &[String]) {
     let setting = Setting::new("doors", 40);
     let scans = setting.input.display().to_string();
     let ours = setting.run("");
-    let config = setting.config(&format!(
-        "[stages.ingest]\ncommand = {:?}\n",
-        [source, &[scans]].concat()
-    ));
+    let command = [source, &[scans]].concat();
+    let config = setting.config(&format!("[stages.ingest]\ncommand = {command:?}\n"));
     let mut run = setting.up(&format!("{config} --pace sensor"));
     let consumers = [python_example("consumer"), cpp_example("consumer")];
     let consumers = consumers.into_iter().flatten().map(|words| {
@@ -43,10 +39,8 @@ fn stands_in(source: &[String]) {
         consumer.wait_for_lines(3);
     }
     // Its successor goes on behind the scans that were sent.
-    send_signal(
-        run.children_with(source.last().expect("a word"))[0],
-        Signal::KILL,
-    );
+    let sources = run.children_with(source.last().expect("a word"));
+    send_signal(sources[0], Signal::KILL);
     let run = run.finish();
     // 3: a loaded machine lost frames.
     assert!(matches!(run.code, Some(0 | 3)), "{}", run.log);
@@ -56,10 +50,8 @@ fn stands_in(source: &[String]) {
     assert_eq!(leftovers(&setting.instance), [""; 0]);
 
     let sequences = run.sequences();
-    assert!(
-        sequences.is_sorted() && *sequences.last().unwrap() == 39,
-        "{sequences:?}"
-    );
+    let is_whole = sequences.is_sorted() && sequences.last() == Some(&39);
+    assert!(is_whole, "{sequences:?}");
     let (expected, found) = (objects(&ours.lines, "frame"), objects(&run.lines, "frame"));
     for (frame, objects) in &found {
         assert_eq!(expected[frame], *objects, "{frame}");

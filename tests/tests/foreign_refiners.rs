@@ -5,7 +5,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use mluc_tests::{
-    Running, Setting, built_program, cpp_example, leftovers, mluc_program, python_example,
+    Running, Setting, built_program, cpp_example, leftovers, mluc_program, python_example, root,
     send_signal,
 };
 use rustix::process::Signal;
@@ -18,18 +18,20 @@ fn own_refiner(fault: &str) -> Vec<String> {
 
 /// Those that are there: the one of the tests always.
 fn foreign_refiners() -> Vec<Vec<String>> {
-    let others = [python_example("refiner"), cpp_example("refiner")];
     let all = std::iter::once(own_refiner("sound"));
-    all.chain(others.into_iter().flatten()).collect()
+    all.chain(examples()).collect()
+}
+
+/// Of others, those that are there.
+fn examples() -> impl Iterator<Item = Vec<String>> {
+    let others = [python_example("refiner"), cpp_example("refiner")];
+    others.into_iter().flatten()
 }
 
 #[test]
 fn the_examples_pass_the_suite() {
     let setting = Setting::new("suite", 0);
-    for command in [python_example("refiner"), cpp_example("refiner")]
-        .into_iter()
-        .flatten()
-    {
+    for command in examples() {
         let mut suite = Command::new(mluc_program());
         suite.args(["refiner-test", "--patience-s", "20", "--model"]);
         suite.arg(&setting.model).arg("--").args(&command);
@@ -84,27 +86,12 @@ fn a_scan_that_kills_a_foreign_refiner_twice_is_set_aside() {
         return;
     };
     let setting = Setting::new("poison", 5);
-    let script = setting.folder.path().join("poisoned.py");
-    let text = r#"
-import os, sys
-sys.path.insert(0, os.path.dirname(sys.argv[1]))
-import mluc, refiner
-stage = mluc.Refiner()
-for frame in stage.frames():
-    if bytes(frame.header.name).startswith(b"000002") and len(frame.points):
-        os.abort()
-    objects, indices, _ = refiner.refine(frame.points[:, :3], frame.detections, stage.classes)
-    stage.publish(frame, objects, indices)
-"#;
-    std::fs::write(&script, text).expect("written");
+    let script = root().join("tests/tests/foreign_refiners/poisoned.py");
     let [python, example] = &example[..] else {
         panic!("{example:?}");
     };
-    let command = [
-        python.clone(),
-        script.display().to_string(),
-        example.clone(),
-    ];
+    let words = [python, &script.display().to_string(), example];
+    let command = words.map(String::clone);
     let run = setting.run(&config(&setting, &command));
     run.assert_says(&["set aside, because stages died of them: 1 (000002)"]);
     let flags = run.flags("000002");

@@ -35,19 +35,13 @@ fn a_consumer_that_keeps_what_it_gets_stops_nobody() {
     let mut run = setting.up("--loop");
     run.wait_for_lines(1);
     let (shell, mut input) = consumer(&setting);
-    let kept: Vec<_> = (0..Topic::OBJECTS.borrowed)
-        .map(|_| next(&mut input))
-        .collect();
-    let first: Vec<u64> = kept
-        .iter()
-        .map(|message| message.header().sequence)
-        .collect();
+    let count = Topic::OBJECTS.borrowed;
+    let kept: Vec<_> = (0..count).map(|_| next(&mut input)).collect();
+    let sequences = || kept.iter().map(|message| message.header().sequence);
+    let first: Vec<u64> = sequences().collect();
     run.wait_for_lines(20);
     assert!(input.newest().is_err(), "it may hold no more");
-    assert_eq!(
-        kept.iter().map(|m| m.header().sequence).collect::<Vec<_>>(),
-        first
-    );
+    assert!(sequences().eq(first));
     drop((kept, input, shell));
     let finished = setting.stop(run);
     finished.assert_says(&["0 lost", "stages restarted: 0"]);
@@ -62,9 +56,8 @@ fn place<T: Payload>(shell: &Shell, message: &Message<T>) -> (File, u64) {
         let words: Vec<&str> = line.split_whitespace().collect();
         let (from, to) = words[0].split_once('-')?;
         let [from, to] = [from, to].map(|word| u64::from_str_radix(word, 16).unwrap());
-        (from..to)
-            .contains(&start)
-            .then(|| (from, words[words.len() - 1].to_string()))
+        let is_it = (from..to).contains(&start);
+        is_it.then(|| (from, words[words.len() - 1].to_string()))
     });
     let (from, path) = mapping.expect("a mapping");
     let file = File::options().write(true).open(path).unwrap();
@@ -101,10 +94,8 @@ fn objects_and_their_points_that_change_after_their_publication_harm_nobody() {
     run.wait_for_lines(1);
     let (shell, mut input) = consumer(&setting);
     rewrite(&shell, &mut input);
-    rewrite::<u32>(
-        &shell,
-        &mut shell.side_input(&Topic::OBJECT_POINTS).unwrap(),
-    );
+    let mut side = shell.side_input(&Topic::OBJECT_POINTS).unwrap();
+    rewrite::<u32>(&shell, &mut side);
     drop((input, shell));
     run.wait_for_lines(10);
     record.signal(Signal::TERM);
@@ -112,10 +103,8 @@ fn objects_and_their_points_that_change_after_their_publication_harm_nobody() {
     assert!(matches!(record.code, Some(0 | 3)), "{}", record.log);
     let finished = setting.stop(run);
     finished.assert_says(&["stages restarted: 0"]);
-    assert!(
-        finished.lines.iter().all(|line| line["wire"].is_u64()),
-        "whole lines"
-    );
+    let mut lines = finished.lines.iter();
+    assert!(lines.all(|line| line["wire"].is_u64()), "whole lines");
 }
 
 #[test]
@@ -123,10 +112,8 @@ fn half_made_segments_hang_no_restart() {
     let setting = Setting::new("halfmade", 2);
     let mut run = setting.up("--loop");
     run.wait_for_lines(1);
-    let prefix = format!(
-        "/dev/shm/{}",
-        Instance::new(&setting.instance).unwrap().prefix()
-    );
+    let instance = Instance::new(&setting.instance).unwrap();
+    let prefix = format!("/dev/shm/{}", instance.prefix());
     let paths = ["1_2.connection", "3.data", "4.dynamic"].map(|name| format!("{prefix}{name}"));
     for stage in ["refiner", "backbone"] {
         for path in &paths {
@@ -152,15 +139,10 @@ fn with_shared_memory(
         return None;
     }
     let up = setting.up_command(options);
-    let words: Vec<_> = [up.get_program()]
-        .into_iter()
-        .chain(up.get_args())
-        .collect();
     let script = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm; {after} exec \"$@\"");
     let mut command = Command::new("unshare");
-    command
-        .args(["--mount", "sh", "-c", &script, "sh"])
-        .args(words);
+    command.args(["--mount", "sh", "-c", &script, "sh"]);
+    command.arg(up.get_program()).args(up.get_args());
     Some(Running::start(&mut command))
 }
 
@@ -196,18 +178,9 @@ fn another_user_reaches_nothing() {
          ls /dev/shm/mluc-0-{0} && echo listed; true",
         setting.instance
     );
-    let other = [
-        "--reuid=65534",
-        "--regid=65534",
-        "--clear-groups",
-        "sh",
-        "-c",
-        &script,
-    ];
-    let output = Command::new("setpriv")
-        .args(other)
-        .output()
-        .expect("setpriv starts");
+    let mut other = Command::new("setpriv");
+    other.args("--reuid=65534 --regid=65534 --clear-groups sh -c".split(' '));
+    let output = other.arg(&script).output().expect("setpriv starts");
     assert_eq!(String::from_utf8_lossy(&output.stdout), "");
     run.wait_for_lines(5);
     setting.stop(run);

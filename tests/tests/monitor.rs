@@ -1,6 +1,6 @@
 //! `mluc monitor` and `mluc top` beside a running pipeline.
 
-use std::io::{Read, Write};
+use std::io::Write;
 use std::net::TcpStream;
 use std::time::Duration;
 
@@ -13,9 +13,7 @@ fn get(address: &str, path: &str) -> String {
     let mut client = TcpStream::connect(address).expect("listening");
     let request = format!("GET {path} HTTP/1.1\r\nHost: a\r\n\r\n");
     client.write_all(request.as_bytes()).expect("sent");
-    let mut answer = String::new();
-    client.read_to_string(&mut answer).expect("answered");
-    answer
+    std::io::read_to_string(client).expect("answered")
 }
 
 /// A monitor, and its address.
@@ -53,12 +51,9 @@ fn a_monitor_tells_how_the_pipeline_is_and_never_stops_it() {
 
     let mut run = setting.up("--pace sensor --rate 10 --budget-ms 2000 --loop");
     run.wait_for_lines(5);
+    let becomes = |is_so: &dyn Fn() -> bool| wait_for(Duration::from_secs(20), is_so);
     let is_ready = || ask("/readyz").starts_with("HTTP/1.1 200 OK\r\n");
-    assert!(
-        wait_for(Duration::from_secs(20), is_ready),
-        "{}",
-        ask("/readyz")
-    );
+    assert!(becomes(&is_ready), "{}", ask("/readyz"));
     let metrics = ask("/metrics");
     assert_has(&metrics, &["text/plain; version=0.0.4", "mluc_sees 1\n"]);
     assert_has(&metrics, &["mluc_stage_up{stage=\"refiner\"} 1\n"]);
@@ -66,10 +61,8 @@ fn a_monitor_tells_how_the_pipeline_is_and_never_stops_it() {
     let (_, body) = status.split_once("\r\n\r\n").expect("a body");
     let status: Value = serde_json::from_str(body).expect("JSON");
     assert_eq!(status["instance"], setting.instance.as_str());
-    assert!(
-        status["status"]["frames_out"].as_u64() >= Some(1),
-        "{status}"
-    );
+    let has_results = status["status"]["frames_out"].as_u64() >= Some(1);
+    assert!(has_results, "{status}");
 
     // A client that says nothing is let go.
     let silent = TcpStream::connect(&address).expect("listening");
@@ -81,11 +74,7 @@ fn a_monitor_tells_how_the_pipeline_is_and_never_stops_it() {
     monitor.signal(Signal::CONT);
     run.signal(Signal::STOP);
     let is_told = || ask("/healthz").contains("the supervisor hangs or is gone");
-    assert!(
-        wait_for(Duration::from_secs(20), is_told),
-        "{}",
-        ask("/healthz")
-    );
+    assert!(becomes(&is_told), "{}", ask("/healthz"));
     run.signal(Signal::CONT);
     run.stop();
     setting.stop(monitor);

@@ -29,10 +29,8 @@ fn packets(path: &Path) -> Vec<Packet> {
         packets.push((d.stamp_ns, d.from, d.to_port, d.payload.to_vec()));
     }
     let counts = capture.counts();
-    assert!(
-        !counts.cut_short && counts.fragmented_lost == 0,
-        "{counts:?}"
-    );
+    let is_whole = !counts.cut_short && counts.fragmented_lost == 0;
+    assert!(is_whole, "{counts:?}");
     packets
 }
 
@@ -47,10 +45,8 @@ fn datagram((stamp_ns, from, to_port, payload): &Packet) -> Datagram<'_> {
 
 fn decoder(packets: &[Packet], calibration: Option<&Calibration>) -> Option<Decoder> {
     let mut detector = Detector::new(calibration);
-    let mut found = packets
-        .iter()
-        .map(|packet| detector.look(&datagram(packet)));
-    found.find_map(|looked| looked.unwrap_or(None))
+    let mut packets = packets.iter();
+    packets.find_map(|packet| detector.look(&datagram(packet)).unwrap_or(None))
 }
 
 fn decode(decoder: &mut Decoder, packets: &[Packet], on: &mut dyn FnMut(&Revolution)) {
@@ -66,10 +62,8 @@ fn pcd_points(path: &Path) -> Vec<[f32; 3]> {
     let mut scan = Scan::default();
     let is_cut = Format::Pcd.convert(&Layout::default(), file, &mut scan);
     assert!(!is_cut.expect("a PCD file"));
-    let points = scan
-        .bytes
-        .chunks_exact(16)
-        .map(bytemuck::pod_read_unaligned);
+    let points = scan.bytes.chunks_exact(16);
+    let points = points.map(bytemuck::pod_read_unaligned);
     points.map(|[x, y, z, _]: [f32; 4]| [x, y, z]).collect()
 }
 
@@ -96,10 +90,8 @@ fn turned([x, y, z]: [f32; 3], quarters: usize) -> [f32; 3] {
 fn compared(ours: &mut [Timed], turn_ns: u64, truth: &[[f32; 3]]) -> (f64, f64, usize) {
     let tree = RTree::bulk_load(truth.to_vec());
     let sample = |quarters| {
-        let points = ours
-            .iter()
-            .step_by(17)
-            .map(move |(_, point)| turned(*point, quarters));
+        let some = ours.iter().step_by(17);
+        let points = some.map(move |(_, point)| turned(*point, quarters));
         (share(&tree, points) * 1e6) as u64
     };
     let quarters = (0..4).max_by_key(|quarters| sample(*quarters)).unwrap_or(0);
@@ -113,19 +105,15 @@ fn compared(ours: &mut [Timed], turn_ns: u64, truth: &[[f32; 3]]) -> (f64, f64, 
     }
     let after = |ns: u64| ours.partition_point(|(at, _)| *at < ns);
     let found = |start: &usize| same[after(ours[*start].0 + turn_ns)] - same[*start];
-    let start = (0..ours.len())
-        .step_by(97)
-        .max_by_key(found)
-        .expect("points");
+    let starts = (0..ours.len()).step_by(97);
+    let start = starts.max_by_key(found).expect("points");
     // The other decoder cuts at an angle, not at a time: compare beyond the turn one way, within it the other way.
     let (start_ns, edge_ns) = (ours[start].0, turn_ns / 20);
     let wide = after(start_ns.saturating_sub(edge_ns))..after(start_ns + turn_ns + edge_ns);
     let wide = RTree::bulk_load(ours[wide].iter().map(|(_, point)| *point).collect());
     let narrow = after(start_ns + edge_ns)..after(start_ns + turn_ns - edge_ns);
-    let covered: Vec<bool> = truth.iter().fold(vec![false; 361], |mut covered, point| {
-        covered[degree(point)] = true;
-        covered
-    });
+    let mut covered = vec![false; 361];
+    truth.iter().for_each(|point| covered[degree(point)] = true);
     let narrow = ours[narrow].iter().map(|(_, point)| *point);
     let narrow = narrow.filter(|point| covered[degree(point)]);
     let of_truth = share(&wide, truth.iter().copied());
@@ -161,10 +149,8 @@ fn check_digest(folder: &Path, metadata: &Metadata, packets: &[Packet]) {
                 continue;
             };
             let bytes: Vec<u8> = image.iter().flat_map(|mm| mm.to_le_bytes()).collect();
-            let found: String = Md5::digest(bytes)
-                .iter()
-                .map(|b| format!("{b:02x}"))
-                .collect();
+            let digest = Md5::digest(bytes);
+            let found: String = digest.iter().map(|b| format!("{b:02x}")).collect();
             assert_eq!(found, expected, "frame {frame} {name}");
             let hits = image.iter().filter(|mm| **mm > 0).count();
             println!("  frame {frame} {name}: md5 agrees, {hits} of {pixels} pixels with a range");
@@ -177,13 +163,9 @@ fn check_digest(folder: &Path, metadata: &Metadata, packets: &[Packet]) {
 fn calibration(folder: &Path) -> Option<Calibration> {
     let answers = ["packets.pcap", "truth.pcd", "digest.json"].map(|name| folder.join(name));
     let entries = read_dir(folder).expect("a folder");
-    let mut files = entries.map(|entry| entry.expect("an entry").path());
-    files.find_map(|path| {
-        let text = read_to_string(&path)
-            .ok()
-            .filter(|_| !answers.contains(&path));
-        Calibration::parse(&text?).ok()
-    })
+    let others = entries.map(|entry| entry.expect("an entry").path());
+    let mut others = others.filter(|path| !answers.contains(path));
+    others.find_map(|path| Calibration::parse(&read_to_string(path).ok()?).ok())
 }
 
 fn check(folder: &Path) {
@@ -236,9 +218,8 @@ fn oracle_packets_agree_with_other_decoders() {
         return;
     };
     let entries = read_dir(&folder).expect("the folder of packets");
-    let mut folders: Vec<PathBuf> = entries
-        .map(|entry| entry.expect("an entry").path())
-        .collect();
+    let folders = entries.map(|entry| entry.expect("an entry").path());
+    let mut folders: Vec<PathBuf> = folders.collect();
     folders.retain(|path| path.join("packets.pcap").exists());
     folders.sort();
     assert!(!folders.is_empty(), "no packets");

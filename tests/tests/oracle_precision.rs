@@ -22,11 +22,8 @@ fn head_outputs_of_second_stay_close_to_f32() -> Fallible {
 fn stays_close(frame: &PaperFrame) -> Fallible {
     let manifest = paper_network();
     // Ranges of int8 from the scan turned left to right: one like it, and not the same.
-    let turned: Vec<_> = frame
-        .points
-        .iter()
-        .map(|&[x, y, z, i]| [x, -y, z, i])
-        .collect();
+    let points = frame.points.iter();
+    let turned: Vec<_> = points.map(|&[x, y, z, i]| [x, -y, z, i]).collect();
     let weights = measure_ranges(&manifest, &formula_weights(&manifest.network), [Ok(turned)])?;
     let head = Head::new(&manifest, &weights)?;
     // On every cell of the map.
@@ -39,12 +36,8 @@ fn stays_close(frame: &PaperFrame) -> Fallible {
     let expected = outputs(Precision::F32)?;
     for (precision, error_max) in ERROR_MAX {
         let found = outputs(precision)?;
-        for ((name, _), (expected, found)) in manifest
-            .network
-            .heads()
-            .iter()
-            .zip(expected.iter().zip(&found))
-        {
+        let names = manifest.network.heads().into_iter().map(|(name, _)| name);
+        for (name, (expected, found)) in names.zip(expected.iter().zip(&found)) {
             assert_eq!(expected.len(), found.len(), "every cell has every output");
             let differences = expected.iter().zip(found).map(|(a, b)| a - b);
             let error = rms(differences) / rms(expected.iter().copied());

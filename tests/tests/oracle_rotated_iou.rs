@@ -49,16 +49,11 @@ fn oracle_rotated_iou_agrees_within_1e_6() {
             }
             let difference = (found - expected).abs();
             worst = worst.max(difference);
-            assert!(
-                difference <= 1e-6,
-                "{title}: expected {expected}, found {found}"
-            );
+            let is_close = difference <= 1e-6;
+            assert!(is_close, "{title}: expected {expected}, found {found}");
         }
     }
     let pairs = pairs.len();
     println!("{pairs} pairs, worst difference {worst:e}, {impossible} impossible answers");
-    assert!(
-        impossible * 100 <= 2 * pairs,
-        "{impossible} answers of {pairs} pairs are impossible"
-    );
+    assert!(impossible * 100 <= 2 * pairs, "too many are impossible");
 }

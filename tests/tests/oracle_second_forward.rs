@@ -85,9 +85,8 @@ fn read_answers(frame: &PaperFrame) -> Fallible<BTreeMap<String, Expected>> {
     let count = answers.levels.len();
     assert!(count > 15, "{}: {count} levels", frame.name);
     let levels = answers.levels.into_iter();
-    Ok(levels
-        .map(|(title, level)| (level_name(&title), level))
-        .collect())
+    let named = levels.map(|(title, level)| (level_name(&title), level));
+    Ok(named.collect())
 }
 
 /// `voxels (site = ...)` -> `voxels`; a block is known here by its last layer.
@@ -110,9 +109,8 @@ fn levels(
         let rows = match level.place {
             Place::Sites(sites) => {
                 let sites = sites.coordinates().iter().enumerate();
-                sites
-                    .map(|(row, at)| (at.map(usize::from).to_vec(), row))
-                    .collect()
+                let sites = sites.map(|(row, at)| (at.map(usize::from).to_vec(), row));
+                sites.collect()
             }
             Place::Map(shape) => cells_of(shape),
         };
@@ -128,10 +126,8 @@ fn levels(
 }
 
 fn cells_of([rows, columns]: [usize; 2]) -> BTreeMap<Vec<usize>, usize> {
-    let cells = 0..rows * columns;
-    cells
-        .map(|cell| (vec![cell / columns, cell % columns], cell))
-        .collect()
+    let place = |cell| (vec![cell / columns, cell % columns], cell);
+    (0..rows * columns).map(place).collect()
 }
 
 fn compare(title: &str, expected: &Expected, found: &Found) {

@@ -20,12 +20,9 @@ fn all_frames_come_out_in_order() {
             assert!(line["stages"][stage.name()]["run_us"].is_u64(), "{line}");
         }
     }
-    let objects = run
-        .lines
-        .iter()
-        .map(|line| line["objects"].as_array().unwrap().len());
-    let objects: usize = objects.sum();
-    assert!(objects > 0, "the refiner had no work");
+    let lines = run.lines.iter();
+    let mut objects = lines.flat_map(|line| line["objects"].as_array().unwrap());
+    assert!(objects.next().is_some(), "the refiner had no work");
 }
 
 #[test]
@@ -143,15 +140,12 @@ fn payloads_are_read_where_they_lie_and_written_once() {
     run.wait_for_lines(6);
     let mut heard = vec![];
     run.wait_for_health(&setting.instance, "all stages were heard", |watch| {
-        let ready = Stage::ALL
-            .into_iter()
-            .filter(|&stage| watch.is_ready(stage));
+        let ready = Stage::ALL.into_iter();
+        let ready = ready.filter(|&stage| watch.is_ready(stage));
         heard = ready.filter_map(|stage| watch.of(stage).copied()).collect();
         heard.len() == 4
     });
-    let [ingest, backbone, head, refiner] = heard[..] else {
-        unreachable!("all four")
-    };
+    let [ingest, backbone, head, refiner]: [_; 4] = heard.try_into().expect("all four");
     let written = |health: &mluc_ipc_types::Health| u64::from(health.bytes_written);
     assert_eq!(written(&ingest), scan_bytes, "the scan enters once");
     assert_eq!(backbone.bytes_read, scan_bytes, "and is read in full");

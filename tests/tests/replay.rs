@@ -10,10 +10,8 @@ fn a_recording_with_stages_is_replayed_from_each_of_them() {
     let setting = Setting::new("replay", 6);
     let record = |name: &str, options: &str| {
         let path = setting.folder.path().join(name).display().to_string();
-        let words = format!(
-            "record --out {path} --instance {} {options}",
-            setting.instance
-        );
+        let instance = &setting.instance;
+        let words = format!("record --out {path} --instance {instance} {options}");
         let mut record = Running::mluc(words.split_whitespace());
         record.wait_for_words("Ctrl-C ends it");
         let mut run = setting.up("--pace sensor --rate 5 --loop");

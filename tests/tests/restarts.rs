@@ -34,10 +34,8 @@ fn each_killed_stage_comes_back_and_no_frame_is_lost() {
 #[test]
 fn each_stopped_stage_is_killed_and_comes_back_and_no_frame_is_lost() {
     let finished = each_stage_is_replaced(Signal::STOP, "stop");
-    let hangs = finished
-        .log
-        .matches("(heartbeat_max_ms of [stages.")
-        .count();
+    let words = "(heartbeat_max_ms of [stages.";
+    let hangs = finished.log.matches(words).count();
     assert_eq!(hangs, 4, "{}", finished.log);
 }
 
@@ -64,10 +62,9 @@ fn a_refiner_behind_a_script_is_killed_and_ends_with_it() {
 #[test]
 fn a_foreign_stage_that_outlives_its_supervisor_is_ended_by_the_next() {
     let setting = Setting::new("orphan", 3);
-    let script = format!(
-        "trap '' TERM HUP; {} stage refiner; true",
-        mluc_program().display()
-    );
+    let program = mluc_program();
+    let program = program.display();
+    let script = format!("trap '' TERM HUP; {program} stage refiner; true");
     let config = format!("[stages.refiner]\ncommand = [\"sh\", \"-c\", {script:?}]\n");
     let options = format!("{} --loop", setting.config(&config));
     let mut killed = setting.up(&options);

@@ -6,16 +6,7 @@ use mluc_tests::{Finished, Running, Setting, root, write_file};
 use serde_json::Value;
 
 /// The second one hangs upside down, and looks to the left.
-const LIDARS: &str = "\
-[[lidar]]
-name = 'front'
-input = 'front'
-extrinsics = [0.5, 0.0, 1.75, 0.0, 0.0, 0.0]
-[[lidar]]
-name = 'rear'
-input = 'rear'
-extrinsics = [-1.0, 0.5, 1.5, 3.141592653589793, 0.0, 1.5707963267948966]
-";
+const LIDARS: &str = include_str!("several/lidars.toml");
 
 /// A point of the first sensor as the second one sees it.
 fn in_rear([x, y, z, intensity]: [f32; 4]) -> [f32; 4] {
@@ -39,9 +30,8 @@ fn write_scans(setting: &Setting) {
     }
     let _ = std::fs::remove_file(folder.join("rear/000209.bin"));
     for (sensor, ms) in [("front", "100 200 300 400"), ("rear", "140 160 440")] {
-        let stamps = ms
-            .split(' ')
-            .map(|ms| format!("2026-01-01 00:00:00.{ms}\n"));
+        let stamps = ms.split(' ');
+        let stamps = stamps.map(|ms| format!("2026-01-01 00:00:00.{ms}\n"));
         let path = folder.join(format!("{sensor}/timestamps.txt"));
         write_file(&path, stamps.collect::<String>());
     }

@@ -9,7 +9,7 @@ use mluc_tests::{
     Finished, Running, Setting, assert_has, car_scan, python_example, root, wait_for,
 };
 use rustix::process::Signal;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 const PATIENCE: Duration = Duration::from_secs(30);
 
@@ -46,10 +46,9 @@ impl Consumer {
 }
 
 /// States and reasons of the status lines.
-fn told(run: &Finished) -> Vec<(String, String)> {
+fn told(run: &Finished) -> Vec<[&str; 2]> {
     let statuses = run.lines.iter().filter_map(|line| line.get("status"));
-    let word = |status: &Value, key: &str| status[key].as_str().unwrap_or("?").to_string();
-    let words = statuses.map(|status| (word(status, "state"), word(status, "reason")));
+    let words = statuses.map(|s| ["state", "reason"].map(|key| s[key].as_str().unwrap_or("?")));
     words.collect()
 }
 
@@ -63,18 +62,15 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
     let mut consumer = Consumer::new(&setting);
     let sees = |status: &Status| status.checked().is_ok_and(StatusState::sees);
     let good = consumer.wait(&run, sees);
-    assert!(
-        good.frames_out > 0 && good.age_ns < 10_000_000_000,
-        "{good:?}"
-    );
+    let is_new = good.frames_out > 0 && good.age_ns < 10_000_000_000;
+    assert!(is_new, "{good:?}");
     if let Some(command) = python_example("refiner") {
         let words =
             "import mluc\nw = mluc.Watch()\nwhile w.status() is None: pass\nprint(w.status()[0])";
         let mut python = Command::new(&command[0]);
-        python
-            .args(["-c", words])
-            .env("MLUC_INSTANCE", &setting.instance);
+        python.args(["-c", words]);
         python.current_dir(root().join("python"));
+        python.env("MLUC_INSTANCE", &setting.instance);
         let said = Running::start(&mut python).finish();
         let is_state = StatusState::NAMES.contains(&said.text().trim());
         assert!(is_state, "{} {}", said.text(), said.log);
@@ -108,15 +104,11 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
     let run = setting.finish(run);
     let told = told(&run);
     let silent = "no results come: refiner is silent";
-    for words in [("stopped", silent), ("stopped", "asked to end")] {
-        let words = (words.0.to_string(), words.1.to_string());
+    for words in [["stopped", silent], ["stopped", "asked to end"]] {
         assert!(told.contains(&words), "{told:?}");
     }
-    let frames: Vec<_> = run
-        .lines
-        .iter()
-        .filter(|line| line.get("status").is_none())
-        .collect();
+    let is_frame = |line: &&Value| line.get("status").is_none();
+    let frames: Vec<&Value> = run.lines.iter().filter(is_frame).collect();
     assert_eq!(frames.len(), run.sequences().len());
     // What the status says was dropped is what is missing on stdout and not in work at the end.
     let last = &run.lines.last().expect("lines")["status"];
@@ -148,25 +140,15 @@ fn a_covered_direction_a_covered_sensor_and_nothing_there_are_told_apart() {
     let run = setting.run("--pace sensor --rate 10 --budget-ms 5000 --status-lines");
     let told = told(&run);
     let has = |state: &str, start: &str| {
-        told.iter()
-            .any(|(found, reason)| found == state && reason.starts_with(start))
+        let mut told = told.iter();
+        told.any(|[found, reason]| *found == state && reason.starts_with(start))
     };
     assert!(has("degraded", "1 of 10 directions"), "{told:?}");
     assert!(has("blind", ""), "{told:?}");
-    let last = told
-        .last()
-        .map(|(state, reason)| (state.as_str(), reason.as_str()));
-    assert_eq!(last, Some(("stopped", "the input ended")));
-    let blind_deg = |line: &Value| line["status"]["blind_deg"].to_string();
-    let is_told = run
-        .lines
-        .iter()
-        .any(|line| blind_deg(line) == "[[350,360]]");
-    assert!(
-        is_told,
-        "{:?}",
-        run.lines.iter().map(blind_deg).collect::<Vec<_>>()
-    );
+    assert_eq!(told.last(), Some(&["stopped", "the input ended"]));
+    let lines = run.lines.iter();
+    let blind_deg: Vec<&Value> = lines.map(|line| &line["status"]["blind_deg"]).collect();
+    assert!(blind_deg.contains(&&json!([[350, 360]])), "{blind_deg:?}");
 }
 
 #[test]
@@ -187,24 +169,19 @@ fn missed_budgets_are_told_and_every_hop_adds_up() {
         for key in ["time", "level", "process"] {
             assert!(event[key].is_string(), "{line}");
         }
-        let is_lasting = event["message"]
-            .to_string()
-            .contains("by 20 frames in a row");
+        let message = event["message"].as_str().unwrap_or_default();
+        let is_lasting = message.contains("by 20 frames in a row");
         has_error |= is_lasting && event["level"] == "ERROR";
-        messages.extend(event["message"].as_str().map(str::to_string));
+        messages.push(message.to_string());
     }
     let log = messages.join("\n");
     assert_has(&log, &["budget of backbone missed: ", "20 in, 20 out"]);
     assert!(has_error, "{log}");
-    let rows = log
-        .lines()
-        .skip_while(|line| !line.starts_with("frames   "))
-        .skip(1);
-    for row in rows.take(5) {
-        let numbers: Vec<u64> = row
-            .split_whitespace()
-            .filter_map(|w| w.parse().ok())
-            .collect();
+    let lines = log.lines();
+    let rows = lines.skip_while(|line| !line.starts_with("frames   "));
+    for row in rows.skip(1).take(5) {
+        let numbers = row.split_whitespace().filter_map(|w| w.parse().ok());
+        let numbers: Vec<u64> = numbers.collect();
         assert_eq!(numbers[..3], [20, 20, 0], "{log}");
     }
 }

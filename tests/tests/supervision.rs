@@ -1,7 +1,7 @@
 //! The supervisor: whatever the reader of its lines does, however it is asked to end, and however it ended before.
 
 use std::fs::File;
-use std::io::{PipeReader, PipeWriter, Read, Write};
+use std::io::{PipeReader, PipeWriter, Write};
 use std::os::unix::net::UnixDatagram;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
@@ -17,16 +17,15 @@ const PIPE_BYTES: usize = 1 << 16;
 /// A pipe that takes nothing before it is read.
 fn full_pipe() -> (PipeReader, PipeWriter) {
     let (reader, mut writer) = std::io::pipe().expect("a pipe");
-    writer
-        .write_all(&[b'\n'; PIPE_BYTES])
-        .expect("room for so much");
+    let filled = writer.write_all(&[b'\n'; PIPE_BYTES]);
+    filled.expect("room for so much");
     (reader, writer)
 }
 
 #[test]
 fn a_reader_that_stands_still_stops_no_restart_and_gets_every_line_at_pace_complete() {
     let setting = Setting::new("stalled", 80);
-    let (mut reader, writer) = full_pipe();
+    let (reader, writer) = full_pipe();
     let mut run = Running::start_into(&mut setting.up_command(""), writer.into(), Stdio::piped());
     // The supervisor has stopped ingest, because it has enough lines.
     run.wait_for_health(&setting.instance, "ingest waits", |watch| {
@@ -34,13 +33,9 @@ fn a_reader_that_stands_still_stops_no_restart_and_gets_every_line_at_pace_compl
         ingest.is_some_and(|health| health.reason().contains("reader of the lines"))
     });
     run.replace("refiner", Signal::KILL);
-    let read = std::thread::spawn(move || {
-        let mut text = String::new();
-        reader.read_to_string(&mut text).map(|_| text)
-    });
-    setting
-        .finish(run)
-        .assert_says(&["80 out, 0 lost; stages restarted: 1"]);
+    let read = std::thread::spawn(|| std::io::read_to_string(reader));
+    let run = setting.finish(run);
+    run.assert_says(&["80 out, 0 lost; stages restarted: 1"]);
     let text = read.join().expect("no panic").expect("read");
     let lines: Vec<&str> = text.trim_start().lines().collect();
     assert_eq!(lines.len(), 80);
@@ -56,14 +51,11 @@ fn a_reader_that_stands_still_loses_lines_at_the_sensors_pace_and_signals_end_th
     let mut command = setting.up_command("--pace sensor --rate 100 --loop");
     let mut run = Running::start_into(&mut command, writer.into(), Stdio::piped());
     run.wait_until("all stages run", |run| run.stages().len() == 4);
-    run.wait_for_health(
-        &setting.instance,
-        "more frames came than may wait",
-        |watch| {
-            let refiner = watch.of(Stage::Refiner);
-            refiner.is_some_and(|health| health.frames_out > 100)
-        },
-    );
+    let what = "more frames came than may wait";
+    run.wait_for_health(&setting.instance, what, |watch| {
+        let refiner = watch.of(Stage::Refiner);
+        refiner.is_some_and(|health| health.frames_out > 100)
+    });
     run.replace("refiner", Signal::KILL);
     let finished = setting.stop(run);
     finished.assert_ended(0, 0);
@@ -73,17 +65,14 @@ fn a_reader_that_stands_still_loses_lines_at_the_sensors_pace_and_signals_end_th
 #[test]
 fn a_log_that_nobody_reads_stops_no_restart_and_says_what_was_lost() {
     let setting = Setting::new("unread", 3);
-    let (mut reader, writer) = full_pipe();
+    let (reader, writer) = full_pipe();
     let mut command = setting.up_command("--loop");
     let mut run = Running::start_into(&mut command, Stdio::piped(), writer.into());
     drop(command);
     run.wait_for_lines(1);
     run.replace("refiner", Signal::KILL);
     run.wait_for_lines(3);
-    let read = std::thread::spawn(move || {
-        let mut text = String::new();
-        reader.read_to_string(&mut text).map(|_| text)
-    });
+    let read = std::thread::spawn(|| std::io::read_to_string(reader));
     // Reading begins.
     std::thread::sleep(SECOND);
     setting.stop(run);
@@ -182,14 +171,9 @@ fn of_two_starts_at_once_one_runs() {
     }
     let refused = refused.expect("one is refused");
     both[1 - refused].wait_for_lines(3);
-    let [first, second] = both;
-    let (refused, running) = if refused == 0 {
-        (first, second)
-    } else {
-        (second, first)
-    };
-    refused.finish().assert_ended(1, 0);
-    setting.stop(running);
+    let mut both = Vec::from(both);
+    both.remove(refused).finish().assert_ended(1, 0);
+    setting.stop(both.remove(0));
     assert!(wait_for(SECOND, || leftovers(&setting.instance).is_empty()));
 }
 
@@ -199,18 +183,16 @@ fn a_service_manager_hears_that_the_run_is_ready_lives_and_ends() {
     let setting = Setting::new("notify", 2);
     let path = setting.folder.path().join("notify");
     let socket = UnixDatagram::bind(&path).expect("a socket");
-    socket
-        .set_read_timeout(Some(30 * SECOND))
-        .expect("a timeout");
+    let patience = socket.set_read_timeout(Some(30 * SECOND));
+    patience.expect("a timeout");
     let hear = || {
         let mut text = [0; 64];
         let count = socket.recv(&mut text).expect("a word in time");
         String::from_utf8_lossy(&text[..count]).into_owned()
     };
     let mut command = setting.up_command("--loop");
-    command
-        .env("NOTIFY_SOCKET", &path)
-        .env("WATCHDOG_USEC", "1000000");
+    command.env("NOTIFY_SOCKET", &path);
+    command.env("WATCHDOG_USEC", "1000000");
     let run = Running::start(&mut command);
     let mut heard = vec![hear()];
     let count = |heard: &[String], word: &str| heard.iter().filter(|own| *own == word).count();

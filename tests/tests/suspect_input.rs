@@ -1,7 +1,5 @@
 //! Scans that are not what the model takes: the flags of their lines, the log, and what `mluc doctor` says.
 
-use std::ffi::OsStr;
-
 use mluc_tests::{Running, Setting, car_scan};
 
 /// The model takes 1.23 to 2.23 m; these are of a sensor 0.73 m above the ground.
@@ -24,16 +22,10 @@ fn a_low_sensor_is_flagged_logged_and_diagnosed_with_the_remedy() {
             assert!(flags.iter().any(|found| found == flag), "{line}");
         }
     }
-    let words = "expected 1.23 to 2.23 m: mount it there";
-    assert_eq!(run.log.matches(words).count(), 1, "{}", run.log);
-    let (model, input) = (setting.model.as_os_str(), setting.input.as_os_str());
-    let command: [&OsStr; 5] = [
-        "doctor".as_ref(),
-        "--model".as_ref(),
-        model,
-        "--input".as_ref(),
-        input,
-    ];
-    let said = Running::mluc(command).finish().text();
-    assert!(said.contains(words), "{said}");
+    let remedy = "expected 1.23 to 2.23 m: mount it there";
+    assert_eq!(run.log.matches(remedy).count(), 1, "{}", run.log);
+    let (model, input) = (setting.model.display(), setting.input.display());
+    let words = format!("doctor --model {model} --input {input}");
+    let said = Running::mluc(words.split_whitespace()).finish().text();
+    assert!(said.contains(remedy), "{said}");
 }

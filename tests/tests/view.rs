@@ -63,20 +63,15 @@ fn a_recording_and_a_socket_tell_what_the_pipeline_told() {
     // The same objects again, and others where a threshold is another.
     let replay = |options: &str| {
         let mut replay = Command::new(mluc_program());
-        replay
-            .args(["replay", "--input", &out, "--model"])
-            .arg(&setting.model);
         let instance = unique_instance("replay");
-        replay
-            .args(["--instance", &instance])
-            .args(options.split_whitespace());
-        Running::start(&mut replay).finish()
+        let words = format!("replay --input {out} --instance {instance} {options}");
+        replay.args(words.split_whitespace()).arg("--model");
+        Running::start(replay.arg(&setting.model)).finish()
     };
     let same = replay("");
     same.assert_ended(0, 0);
-    same.assert_says(&[&format!(
-        "frames: {count} with the recorded objects, 0 with others"
-    )]);
+    let words = format!("frames: {count} with the recorded objects, 0 with others");
+    same.assert_says(&[&words]);
     let other = replay("--profile quiet --min-score 0.99");
     assert_eq!(other.code, Some(1), "{}", other.log);
     assert_eq!(other.lines.len() as u64, count, "{}", other.log);

@@ -202,11 +202,7 @@ impl GroundGrid {
 
 /// What a point so far above (or below) the surface counts, 0 to 1.
 fn weight(above_m: f64, scale_m: f64) -> f64 {
-    let scale_m = if above_m > 0.0 {
-        scale_m
-    } else {
-        BELOW * scale_m
-    };
+    let scale_m = scale_m * if above_m > 0.0 { 1.0 } else { BELOW };
     let ratio = above_m / scale_m;
     let sum = 1.0 + ratio * ratio;
     1.0 / (sum * sum)

@@ -10,18 +10,15 @@ pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
     pub(crate) fn below(&mut self, bound: usize) -> usize {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        let product = self.0.wrapping_mul(6_364_136_223_846_793_005);
+        self.0 = product.wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 33) as usize % bound
     }
 
     /// -0.5 to 0.5.
     pub(crate) fn values(&mut self, count: usize) -> Vec<f32> {
-        (0..count)
-            .map(|_| self.below(1 << 20) as f32 / (1 << 20) as f32 - 0.5)
-            .collect()
+        let mut value = || self.below(1 << 20) as f32 / (1 << 20) as f32 - 0.5;
+        (0..count).map(|_| value()).collect()
     }
 
     /// `absent_percent` of the entries are [`ABSENT`].
@@ -113,11 +110,8 @@ pub(crate) fn dense(width: usize, height: usize) -> Gather {
     let entry = |(cell, tap): (usize, usize)| {
         let (y, x) = (cell / width + tap / 3, cell % width + tap % 3);
         let inside = (1..=height).contains(&y) && (1..=width).contains(&x);
-        if inside {
-            ((y - 1) * width + x - 1) as u32
-        } else {
-            ABSENT
-        }
+        let index = || ((y - 1) * width + x - 1) as u32;
+        inside.then(index).unwrap_or(ABSENT)
     };
     let cells = (0..width * height).flat_map(|cell| (0..9).map(move |tap| (cell, tap)));
     Gather::new(9, cells.map(entry).collect())
@@ -130,12 +124,8 @@ fn each_product(
     gather: &Gather,
     mut product: impl FnMut(usize, usize, f64),
 ) {
-    for (at, row) in gather
-        .index
-        .iter()
-        .enumerate()
-        .filter(|(_, row)| **row != ABSENT)
-    {
+    let rows = gather.index.iter().enumerate();
+    for (at, row) in rows.filter(|(_, row)| **row != ABSENT) {
         let (output, tap) = (at / gather.taps, at % gather.taps);
         for (i, x) in input[*row as usize * cin..][..cin].iter().enumerate() {
             product(output, tap * cin + i, f64::from(*x));
@@ -145,9 +135,9 @@ fn each_product(
 
 /// `to += x * from`.
 fn add(to: &mut [f64], x: f64, from: &[f32]) {
-    to.iter_mut()
-        .zip(from)
-        .for_each(|(to, from)| *to += x * f64::from(*from));
+    for (to, from) in to.iter_mut().zip(from) {
+        *to += x * f64::from(*from);
+    }
 }
 
 /// `[tap][cin][cout]` weights; sums in f64, one row of `cout` for each output row.
@@ -160,11 +150,8 @@ pub(crate) fn convolve(
 ) -> Vec<f64> {
     let mut output = vec![0.0; gather.outputs() * cout];
     each_product(input, cin, gather, |row, weight, x| {
-        add(
-            &mut output[row * cout..][..cout],
-            x,
-            &weights[weight * cout..],
-        );
+        let to = &mut output[row * cout..][..cout];
+        add(to, x, &weights[weight * cout..]);
     });
     output
 }
@@ -187,16 +174,12 @@ pub(crate) fn weight_gradient(
 /// Panics unless each value is within `tolerance * (1 + largest expected)`.
 pub(crate) fn assert_near(found: &[f32], expected: &[f64], tolerance: f64, what: &str) {
     assert_eq!(found.len(), expected.len(), "{what}");
-    let largest = expected
-        .iter()
-        .fold(0.0_f64, |largest, x| largest.max(x.abs()));
+    let largest = expected.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     let scale = 1.0 + largest;
     for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
         let off = (f64::from(*found) - expected).abs();
-        assert!(
-            off <= tolerance * scale,
-            "{what}: value {i} is {found}, expected {expected}"
-        );
+        let is_near = off <= tolerance * scale;
+        assert!(is_near, "{what}: value {i} is {found}, expected {expected}");
     }
 }
 

@@ -16,16 +16,10 @@ pub enum DatasetError {
     /// A calibration that cannot be used.
     #[error("{0}: {1}")]
     Calibration(PathBuf, CalibrationError),
-    /// A folder, file, line or field that is not what the format says.
-    #[error("{place}: expected {expected}, found {found}")]
-    Unexpected {
-        /// The path, and where they are known the line (from 1) and the name of the field.
-        place: String,
-        /// What should be there.
-        expected: String,
-        /// What is there.
-        found: String,
-    },
+    /// A folder, file, line or field that is not what the format says: the path, and where they are known the line (from 1) and
+    /// the name of the field; what should be there, and what is there.
+    #[error("{0}")]
+    Unexpected(String),
 }
 
 /// What reads or writes a data set gives.
@@ -47,11 +41,7 @@ impl DatasetError {
 
     /// Something in this place that is not what the format says.
     pub fn unexpected(place: impl Display, expected: impl Display, found: impl Display) -> Self {
-        DatasetError::Unexpected {
-            place: place.to_string(),
-            expected: expected.to_string(),
-            found: found.to_string(),
-        }
+        DatasetError::Unexpected(format!("{place}: expected {expected}, found {found}"))
     }
 }
 

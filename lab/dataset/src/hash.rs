@@ -24,9 +24,8 @@ pub fn data_hash(dataset: &Dataset, frames: usize) -> Result<String> {
     };
     let hashes = names.par_iter().enumerate().map(one);
     let hashes: Vec<u64> = hashes.collect::<Result<_, _>>()?;
-    let whole = hashes
-        .iter()
-        .fold(OFFSET, |hash, frame| fnv(hash, &frame.to_le_bytes()));
+    let add = |hash, frame: &u64| fnv(hash, &frame.to_le_bytes());
+    let whole = hashes.iter().fold(OFFSET, add);
     Ok(format!("{whole:016x}"))
 }
 

@@ -58,16 +58,12 @@ impl Splits {
         let mut places: Vec<PathBuf> = self.folder.clone().into_iter().collect();
         if places.is_empty() {
             let roots = [Some(&*self.root), Some(&root), self.root.parent()];
-            places = roots
-                .iter()
-                .flatten()
-                .map(|root| root.join("ImageSets"))
-                .collect();
+            let folders = roots.iter().flatten();
+            places = folders.map(|root| root.join("ImageSets")).collect();
             places.dedup();
         }
-        let mut lists = places
-            .iter()
-            .map(|place| place.join(format!("{split}.txt")));
+        let lists = places.iter();
+        let mut lists = lists.map(|place| place.join(format!("{split}.txt")));
         if let Some(list) = lists.find(|list| list.is_file()) {
             return Dataset::open_listed(&root, &list);
         }
@@ -135,10 +131,8 @@ mod tests {
             splits.open("train")
         };
         let fault = open("", None).expect_err("no list").to_string();
-        assert!(
-            fault.contains("train.txt") && fault.contains("ImageSets"),
-            "{fault}"
-        );
+        let is_named = fault.contains("train.txt") && fault.contains("ImageSets");
+        assert!(is_named, "{fault}");
         assert_eq!(open("", Some("lists")).expect("a split").names(), ["2"]);
         std::fs::create_dir(folder.path().join("ImageSets")).expect("a folder");
         std::fs::write(folder.path().join("ImageSets/train.txt"), "1\n2\n").expect("written");

@@ -92,10 +92,8 @@ fn parse(path: &Path, text: &str, scored: bool) -> Result<Vec<Label>> {
 fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label> {
     check_count(line, columns.len(), scored)?;
     let number = |column: usize, field: &str| {
-        let number = columns[column]
-            .parse::<f64>()
-            .ok()
-            .filter(|v| v.is_finite());
+        let number = columns[column].parse::<f64>().ok();
+        let number = number.filter(|v| v.is_finite());
         number.ok_or_else(|| line.in_field(field, "a finite number", columns[column]))
     };
     let mut numbers = [0.0; 15];
@@ -207,16 +205,7 @@ mod tests {
     }
 
     /// Kind of file, text of the file (without the car that is line 1), fault.
-    const FAULTS: &str = "\
-label|Car 0.00 1 -1.57 100|expected 15 or 16 columns, found 5 (no top)
-label|CAR 1 2 3|expected 15 or 16 columns, found 18
-score|CAR|expected 16 or 17 columns, found 15 (no score)
-score|CAR nan|field score: expected a finite number, found 'nan'
-label|Car 0 0.5 0 0 0 9 9 1.5 1.6 3.9 1 1.7 20 0|field occluded: expected a whole number (0 to 3, -1 unset), found '0.5'
-label|Car 0 1 0 0 0 9 9 1.5 1.6 3.9 1 1.7 far 0|field z: expected a finite number, found 'far'
-label|Car 0 1 0 0 0 9 9 1.5 1.6 3.9 1 1.7 1e30 0|field z: expected a place within 10 km, found '1e30'
-label|Car 0 1 0 0 0 9 9 1.5 1.6 -3.9 1 1.7 20 0|field length: expected a size of 0.01 to 100 m, found '-3.9'
-score|Car 0 1 0 0 0 9 9 1.5 1.6 -3.9 1 1.7 20 0 0.5|field length: expected a size above 0 (-1 in all three: none), found '-3.9'";
+    const FAULTS: &str = include_str!("label_faults.txt");
 
     #[test]
     fn faults_name_line_field_expected_and_found() {
@@ -225,18 +214,11 @@ score|Car 0 1 0 0 0 9 9 1.5 1.6 -3.9 1 1.7 20 0 0.5|field length: expected a siz
                 panic!("{row}");
             };
             let scored = kind == "score";
-            let first = if scored {
-                format!("{CAR} 1")
-            } else {
-                CAR.to_owned()
-            };
-            let text = format!("{first}\n{}", text.replace("CAR", CAR));
+            let score = if scored { " 1" } else { "" };
+            let text = format!("{CAR}{score}\n{}", text.replace("CAR", CAR));
             let fault = parsed(&text, scored).expect_err(row);
-            let place = if expected.starts_with("field") {
-                ", "
-            } else {
-                ": "
-            };
+            let is_field = expected.starts_with("field");
+            let place = if is_field { ", " } else { ": " };
             assert_eq!(fault, format!("a.txt, line 2{place}{expected}"));
         }
         let boxless = CAR.replace("1.5 1.6 3.9", "-1 -1 -1") + " 0.5";

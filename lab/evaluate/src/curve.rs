@@ -37,11 +37,8 @@ impl AveragePrecision {
 
 /// Harmonic mean of two percentages; 0 when both are.
 pub fn harmonic_mean(known: f64, unknown: f64) -> f64 {
-    if known + unknown > 0.0 {
-        2.0 * known * unknown / (known + unknown)
-    } else {
-        0.0
-    }
+    let mean = 2.0 * known * unknown / (known + unknown);
+    if known + unknown > 0.0 { mean } else { 0.0 }
 }
 
 /// Hits and false alarms of one frame, as a function of the threshold. Frames are matched one by one, so the curve of
@@ -166,9 +163,8 @@ impl Curve {
     /// Area under precision over recall, every threshold taking part, precision made to fall.
     fn area(&self) -> f64 {
         let steps = self.steps.iter();
-        let mut points: Vec<(i64, f64)> = steps
-            .map(|&(_, hits, alarms)| (hits, precision_of((hits, alarms))))
-            .collect();
+        let point = |&(_, hits, alarms)| (hits, precision_of((hits, alarms)));
+        let mut points: Vec<(i64, f64)> = steps.map(point).collect();
         points.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
         let (mut area, mut best) = (0.0, 0.0f64);
         for i in (0..points.len()).rev() {
@@ -181,9 +177,6 @@ impl Curve {
 }
 
 fn precision_of((hits, false_alarms): (i64, i64)) -> f64 {
-    if hits > 0 {
-        hits as f64 / (hits + false_alarms) as f64
-    } else {
-        0.0
-    }
+    let precision = hits as f64 / (hits + false_alarms) as f64;
+    if hits > 0 { precision } else { 0.0 }
 }

@@ -147,9 +147,8 @@ fn take(
 /// First pass: no threshold, the highest score wins.
 fn match_by_score(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCurve) {
     let score = |near: &(usize, f64)| candidates[near.0].score;
-    let found = take(truths, candidates, f64::NEG_INFINITY, |a, b| {
-        score(a) > score(b)
-    });
+    let better = |a: &_, b: &_| score(a) > score(b);
+    let found = take(truths, candidates, f64::NEG_INFINITY, better);
     for (_, found) in truths.iter().zip(found).filter(|(truth, _)| truth.valid) {
         match found.map(|i| &candidates[i]) {
             None => curve.missed_count += 1,
@@ -190,9 +189,8 @@ fn collect_steps(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCu
         }
         let now = (hits, near_alarms + lonely_alarms);
         if now != before {
-            curve
-                .steps
-                .push((score, now.0 - before.0, now.1 - before.1));
+            let (hits, alarms) = (now.0 - before.0, now.1 - before.1);
+            curve.steps.push((score, hits, alarms));
         }
         before = now;
     }

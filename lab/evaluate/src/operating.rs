@@ -212,18 +212,14 @@ impl Operating {
         for (object, value) in told {
             let tenth = &mut tenths[((10.0 * value) as usize).min(9)];
             let found = [1.0, value, f64::from(u8::from(object.is_right()))];
-            tenth
-                .iter_mut()
-                .zip(found)
-                .for_each(|(sum, one)| *sum += one);
+            let pairs = tenth.iter_mut().zip(found);
+            pairs.for_each(|(sum, one)| *sum += one);
         }
         let count: f64 = tenths.iter().map(|tenth| tenth[0]).sum();
         let gaps = tenths.iter().map(|[_, value, hits]| (value - hits).abs());
         let error = (count > 0.0).then(|| gaps.sum::<f64>() / count);
-        let rows = tenths
-            .iter()
-            .enumerate()
-            .filter(|(_, tenth)| tenth[0] > 0.0);
+        let rows = tenths.iter().enumerate();
+        let rows = rows.filter(|(_, tenth)| tenth[0] > 0.0);
         let rows = rows.map(|(at, [objects, value, hits])| {
             let from = at as f64 / 10.0;
             json!({"from": from, "objects": objects, "mean": value / objects, "on_own_label": hits / objects})
@@ -305,11 +301,8 @@ pub(crate) fn counted(frame: &LabelledFrame) -> LabelledFrame {
 fn judge(frame: &LabelledFrame, rules: &[ClassRule]) -> FrameOutcome {
     let near = counted(frame);
     let match_one = |rule: &ClassRule| {
-        let (metric, difficulty) = (Metric::Space, Difficulty::Moderate);
-        (
-            rule.kind,
-            match_frame(&near, rule, metric, difficulty, None),
-        )
+        let curve = match_frame(&near, rule, Metric::Space, Difficulty::Moderate, None);
+        (rule.kind, curve)
     };
     let kind_of = |detection: &Label| {
         let mut unknown = rules.iter().filter(|rule| rule.kind == ObjectKind::Unknown);
@@ -421,13 +414,9 @@ mod tests {
             (*x, *z) = (*x + metres * 0.3f64.cos(), *z - metres * 0.3f64.sin());
             object
         };
-        let labels = [
-            ("Van", 10.0),
-            ("Truck", 20.0),
-            ("Car", 30.0),
-            ("Misc", 40.0),
-        ];
-        let mut labels = labels.map(|(class, x_m)| label(class, x_m)).to_vec();
+        let labels = ["Van", "Truck", "Car", "Misc"].into_iter().zip(1..);
+        let labels = labels.map(|(class, place)| label(class, 10.0 * f64::from(place)));
+        let mut labels: Vec<Label> = labels.collect();
         labels.push(label("DontCare", 500.0));
         labels[4].camera_box.location_m = [-1000.0; 3];
         let mut objects = vec![
@@ -449,10 +438,8 @@ mod tests {
         let published = ("published", vec![2.0, 0.5, 0.5, 0.5, 50.0]);
         assert_eq!(figures(&points[0]), published);
         let last = points.last().expect("a curve");
-        assert_eq!(
-            figures(last),
-            ("at most 0.3", vec![0.5, 0.0, 0.0, 0.5, 50.0])
-        );
+        let expected = ("at most 0.3", vec![0.5, 0.0, 0.0, 0.5, 50.0]);
+        assert_eq!(figures(last), expected);
         assert!(last.1 > 0.6 && last.1 < 0.6001);
         let known = judged.points(ObjectKind::Known);
         assert_eq!(known.len(), 1);
@@ -480,19 +467,14 @@ mod tests {
         let judged = Operating::of(&frames, &[200], &rules());
         let table = judged.probabilities();
         assert_eq!((table.known.len(), table.unknown.len()), (0, 2));
-        let steps = table.unknown.iter().flat_map(|band| band.steps.windows(2));
-        assert!(
-            steps.clone().all(|pair| pair[0][1] <= pair[1][1]),
-            "{table:?}"
-        );
+        let mut steps = table.unknown.iter().flat_map(|band| band.steps.windows(2));
+        assert!(steps.all(|pair| pair[0][1] <= pair[1][1]), "{table:?}");
         let told = |range_m, score| table.of(false, range_m, score).expect("a table");
         assert!((told(20.0, 0.2) - 0.25).abs() < 0.05 && told(39.9, 0.9) > 0.95);
         assert!(told(50.0, 0.9) < 0.01);
         let [score, probability] = judged.calibration_errors(ObjectKind::Unknown, 0.0, &table);
-        assert!(
-            score > Some(0.2) && probability < Some(0.05),
-            "{score:?} {probability:?}"
-        );
+        let is_better = score > Some(0.2) && probability < Some(0.05);
+        assert!(is_better, "{score:?} {probability:?}");
         let known = judged.calibration_errors(ObjectKind::Known, 0.0, &table);
         assert_eq!(known, [None; 2]);
     }

@@ -46,10 +46,8 @@ fn gap_deg(points: &[Point]) -> f64 {
     let mut estimator = Estimator::new();
     estimator.look(points, 0);
     let beams = &estimator.estimate().elevations_deg;
-    let mut gaps: Vec<f64> = beams
-        .windows(2)
-        .map(|pair| f64::from(pair[0] - pair[1]))
-        .collect();
+    let gaps = beams.windows(2).map(|pair| f64::from(pair[0] - pair[1]));
+    let mut gaps: Vec<f64> = gaps.collect();
     gaps.sort_unstable_by(f64::total_cmp);
     quantile(&gaps, CLOSE_SHARE).map_or(GAP_DEG, |close| GAP_SHARE * close)
 }
@@ -108,10 +106,8 @@ mod tests {
                 for object in &frame.objects {
                     let shape = object.box_in_sensor;
                     let hits = frame.points.iter().zip(&beams);
-                    let mut hits: Vec<usize> = hits
-                        .filter(|(p, _)| shape.has_point(p))
-                        .map(|(_, beam)| *beam)
-                        .collect();
+                    let hits = hits.filter(|(p, _)| shape.has_point(p));
+                    let mut hits: Vec<usize> = hits.map(|(_, beam)| *beam).collect();
                     hits.dedup();
                     let found = count_rings(&shape, &points, gap_deg);
                     objects += 1;

@@ -143,9 +143,8 @@ pub struct RuleRequest {
 }
 
 fn class_overlap(text: &str) -> std::result::Result<(String, f64), String> {
-    let pair = text
-        .split_once('=')
-        .filter(|(class, _)| !class.trim().is_empty());
+    let pair = text.split_once('=');
+    let pair = pair.filter(|(class, _)| !class.trim().is_empty());
     pair.and_then(|(class, iou)| Some((class.trim().to_owned(), iou.trim().parse().ok()?)))
         .ok_or_else(|| format!("expected CLASS=IOU such as car=0.5, found '{text}'"))
 }
@@ -229,12 +228,9 @@ fn checked(class: &str, iou_min: f64) -> Result<f64> {
 /// The overlap asked for, else KITTI's, else 0.7 for trucks and vans and 0.5 for others.
 fn overlap_of(class: &str, asked: &[(String, f64)]) -> f64 {
     let asked = asked.iter().map(|(name, iou)| (name.as_str(), *iou));
-    let defaults = KITTI_CLASSES
-        .into_iter()
-        .chain([("truck", 0.7), ("van", 0.7)]);
-    let found = asked
-        .chain(defaults)
-        .find(|(name, _)| name.eq_ignore_ascii_case(class));
+    let known = asked.chain(KITTI_CLASSES);
+    let mut known = known.chain([("truck", 0.7), ("van", 0.7)]);
+    let found = known.find(|(name, _)| name.eq_ignore_ascii_case(class));
     found.map_or(0.5, |(_, iou)| iou)
 }
 
@@ -282,10 +278,7 @@ mod tests {
     }
 
     fn names(rules: &[ClassRule]) -> Vec<(&str, f64)> {
-        rules
-            .iter()
-            .map(|rule| (rule.name.as_str(), rule.iou_min))
-            .collect()
+        rules.iter().map(|r| (&*r.name, r.iou_min)).collect()
     }
 
     #[test]
@@ -298,10 +291,8 @@ mod tests {
         };
         let rules = rules(&request, &frames).expect("rules");
         assert_eq!(unrecognized(frames[0].labels.iter(), &rules), ["Carr"]);
-        assert_eq!(
-            unrecognized(frames[0].labels.iter(), &[]),
-            ["Barrier", "Carr"]
-        );
+        let others = unrecognized(frames[0].labels.iter(), &[]);
+        assert_eq!(others, ["Barrier", "Carr"]);
     }
 
     #[test]

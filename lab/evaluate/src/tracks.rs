@@ -90,11 +90,8 @@ mod tests {
 
     #[test]
     fn a_track_is_one_alarm_and_a_label_is_found_once() {
-        let rules = [ClassRule::unknown(
-            &["van".to_owned()],
-            0.1,
-            UnknownProtocol::Literal,
-        )];
+        let van = ["van".to_owned()];
+        let rules = [ClassRule::unknown(&van, 0.1, UnknownProtocol::Literal)];
         let numbered = |label: Label, track| Label {
             track: Some(track),
             ..label
@@ -111,10 +108,8 @@ mod tests {
             let brief = numbered(label("Van", -20.0), 2 + i);
             let alone = found_at(-20.0, UNKNOWN, 0.5);
             let labels = labels.into_iter().chain([brief]);
-            frame(
-                labels.collect(),
-                objects.into_iter().chain([alone]).collect(),
-            )
+            let objects = objects.into_iter().chain([alone]);
+            frame(labels.collect(), objects.collect())
         };
         let frames: Vec<LabelledFrame> = (0..6).map(scan).collect();
         let found = Tracks::of(&frames, &[6], &rules).expect("tracks");

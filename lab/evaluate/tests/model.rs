@@ -3,8 +3,9 @@
 use mluc_backbone::Precision;
 use mluc_dataset::Dataset;
 use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_profiles, choose_threshold,
-    detect_frames, judge, objects_at, sweep_gate, unknown_classes, write_profiles, write_threshold,
+    DetectedFrame, FrameSet, ModelGate, ModelJudgement, ScoreSeparation, choose_profiles,
+    choose_threshold, detect_frames, judge, objects_at, sweep_gate, unknown_classes,
+    write_profiles, write_threshold,
 };
 use mluc_evaluate::{ObjectKind, SensorDetection, SweepPoint, best_index};
 use mluc_geometry::Box3;
@@ -69,10 +70,8 @@ fn boxes_that_touch_no_label_are_the_background() {
     }
     let e = of_e(&fixture);
     assert_eq!((e.background, e.auroc_background), (48, Some(0.75)));
-    assert_eq!(
-        (e.auroc, e.known, e.unknown),
-        (before.auroc, before.known, before.unknown)
-    );
+    let figures = |s: &ScoreSeparation| (s.auroc, s.known, s.unknown);
+    assert_eq!(figures(&e), figures(&before));
 }
 
 #[test]
@@ -86,9 +85,8 @@ fn without_the_gate_the_objects_are_the_detections() {
     let found = objects_at(model, gate, set, &frames, &settings, asked, &|| ()).expect("objects");
     let classes = model.manifest.class_names();
     for (index, frame) in frames.iter().enumerate() {
-        let [objects, gated] = &found.objects[index][..] else {
-            panic!("two thresholds")
-        };
+        let pair: &[_; 2] = found.objects[index][..].try_into().expect("two thresholds");
+        let [objects, gated] = pair;
         let count = frame.detections.len();
         assert!(count > 10 && objects.len() == count, "{count} boxes");
         for (object, detection) in objects.iter().zip(&frame.detections) {
@@ -175,10 +173,8 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
     assert!(judged.unknown_labels() > 0);
     assert_eq!(judged.unknown_as_known, judged.unknown_labels());
     let e = &judged.separation[0];
-    assert!(
-        e.auroc > Some(0.99) && e.known > 40 && e.unknown > 0,
-        "{e:?}"
-    );
+    let is_clear = e.auroc > Some(0.99) && e.known > 40 && e.unknown > 0;
+    assert!(is_clear, "{e:?}");
     let best = swept[best_index(&swept)];
     assert!((1.1..=1.81).contains(&best.threshold), "{best:?}");
     assert!(best.recall_unknown > 30.0, "{best:?}");
@@ -235,10 +231,8 @@ fn scores_of_profiles_keep_false_objects_below_their_limits() {
     write_profiles(path, model, &chosen, "twelve scans").expect("written");
     let written = Model::read(path).expect("a model").manifest;
     assert_eq!(written.thresholds.profiles, Some(chosen.profiles));
-    assert_eq!(
-        written.thresholds.probabilities.as_ref(),
-        Some(&chosen.probabilities)
-    );
+    let expected = Some(chosen.probabilities.clone());
+    assert_eq!(written.thresholds.probabilities, expected);
     let reason = &written.provenance.profile_choice;
     assert!(reason.ends_with("data: twelve scans"), "{reason}");
     let fault = write_profiles(path, model, &chosen, "").expect_err("changed");

@@ -53,11 +53,8 @@ impl Layout {
 
 /// The first seed goes without saying.
 fn with_seed(name: &str, seed: u64) -> String {
-    if seed == 1 {
-        name.to_owned()
-    } else {
-        format!("{name}-s{seed}")
-    }
+    let numbered = format!("{name}-s{seed}");
+    if seed == 1 { name.to_owned() } else { numbered }
 }
 
 /// Writes a file that is whole or not there. Makes the folder.

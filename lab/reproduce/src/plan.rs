@@ -150,9 +150,8 @@ mod tests {
     fn every_row_is_evaluated_once() {
         let (_, evaluated) = commands();
         for row in METHODS.iter() {
-            let here = evaluated
-                .iter()
-                .filter(|run| **run == (Setting::SimKitti, row.network, 1));
+            let own = (Setting::SimKitti, row.network, 1);
+            let here = evaluated.iter().filter(|run| **run == own);
             assert_eq!(here.count(), 1, "{}", row.key);
         }
     }

@@ -54,11 +54,7 @@ impl Simulation {
 
     pub(crate) fn command(&self) -> String {
         let o = &self.options;
-        let synthetic = if o.synthetic_unknown {
-            " --synthetic-unknown"
-        } else {
-            ""
-        };
+        let synthetic = ["", " --synthetic-unknown"][usize::from(o.synthetic_unknown)];
         format!(
             "mluc-lab simulate --family {} --split {}{synthetic} --frames {} --seed {} --out {}",
             o.family.name(),
@@ -72,11 +68,8 @@ impl Simulation {
     /// Whether the folder holds at least the frames that are wanted. One that holds something else is an error: it is somebody's.
     pub(crate) fn is_done(&self) -> Result<bool> {
         let folder = &self.options.folder;
-        let entries = || {
-            folder
-                .read_dir()
-                .map_err(|e| EvaluateError::file(folder, e))
-        };
+        let unreadable = |e| EvaluateError::file(folder, e);
+        let entries = || folder.read_dir().map_err(unreadable);
         if !folder.exists() || entries()?.next().is_none() {
             return Ok(false);
         }

@@ -74,11 +74,8 @@ impl Training {
             "-synthetic-unknown" if is_recorded => "",
             data => data,
         };
-        let validate_frames = if data.is_empty() {
-            sizes.validate_frames
-        } else {
-            0
-        };
+        let is_own = data.is_empty();
+        let validate_frames = if is_own { sizes.validate_frames } else { 0 };
         let mut arguments = vec!["train".to_owned()];
         let mut add = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
         let text = |path: &Path| path.display().to_string();

@@ -77,10 +77,8 @@ fn the_method_at_the_models_threshold_is_the_products_pipeline() {
         };
         let output = run_method(Method::MlucFull, &input).expect("objects");
         let found = product(&model, &set);
-        let unknown = found
-            .iter()
-            .flatten()
-            .filter(|o| o.kind == ObjectKind::Unknown);
+        let all = found.iter().flatten();
+        let unknown = all.filter(|o| o.kind == ObjectKind::Unknown);
         assert_eq!(unknown.count() > 0, threshold > 0.0);
         for (lab, product) in output.objects.iter().zip(&found) {
             assert_eq!(lab[0], *product);

@@ -26,14 +26,9 @@ pub(crate) fn sensor(dice: &mut Dice) -> SensorProfile {
         lose_beams(&mut profile, dice);
     }
     if dice.chance(0.1) {
-        let count = dice.whole(
-            2,
-            if profile.elevations_deg.len() > 40 {
-                2
-            } else {
-                4
-            },
-        );
+        let beams = profile.elevations_deg.len();
+        let most = if beams > 40 { 2 } else { 4 };
+        let count = dice.whole(2, most);
         profile.units = (0..count).map(|_| unit(dice)).collect();
     } else if dice.chance(0.08) {
         profile.field_deg = Some([dice.spread(60.0), dice.range(70.0, 270.0)]);
@@ -83,20 +78,14 @@ fn random(dice: &mut Dice) -> SensorProfile {
     let beams = [dice.whole(8, 16), dice.whole(20, 48), dice.whole(56, 128)];
     let beams = beams[dice.weighted(&[0.35, 0.35, 0.3])];
     let (top, bottom) = (dice.range(1.0, 25.0), -dice.range(8.0, 32.0));
-    let crowding = if dice.chance(0.5) {
-        dice.range(1.0, 2.2)
-    } else {
-        1.0
-    };
+    let crowds = dice.chance(0.5);
+    let crowding = if crowds { dice.range(1.0, 2.2) } else { 1.0 };
     let horizon = dice.range(-4.0, 2.0).min(top - 0.5);
     let elevation = |b: usize| {
         // -1 at the bottom, 1 at the top.
         let t = 1.0 - 2.0 * b as f32 / (beams - 1) as f32;
-        let end = if t > 0.0 {
-            top - horizon
-        } else {
-            horizon - bottom
-        };
+        let (above, below) = (top - horizon, horizon - bottom);
+        let end = if t > 0.0 { above } else { below };
         horizon + end * t.signum() * t.abs().powf(crowding)
     };
     SensorProfile {
@@ -113,11 +102,8 @@ fn random(dice: &mut Dice) -> SensorProfile {
 /// Some beams are gone: broken, or thinned out by a driver.
 fn lose_beams(profile: &mut SensorProfile, dice: &mut Dice) {
     let share = dice.range(0.05, 0.3);
-    let kept: Vec<bool> = profile
-        .elevations_deg
-        .iter()
-        .map(|_| !dice.chance(share))
-        .collect();
+    let beams = profile.elevations_deg.iter();
+    let kept: Vec<bool> = beams.map(|_| !dice.chance(share)).collect();
     if kept.iter().filter(|kept| **kept).count() < 6 {
         return;
     }
@@ -156,11 +142,8 @@ mod tests {
         let held_out = HELD_OUT.map(|name| SensorProfile::load(name).expect(name).name);
         assert_eq!(count(&|p| held_out.contains(&p.name)), 0);
         for p in &drawn {
-            let all = beams(p) * p.units.len().max(1);
-            assert!(
-                all as f32 * 360.0 / p.azimuth_step_deg < 1.01 * RAYS_MAX,
-                "{p:?}"
-            );
+            let rays = (beams(p) * p.units.len().max(1)) as f32 * 360.0 / p.azimuth_step_deg;
+            assert!(rays < 1.01 * RAYS_MAX, "{p:?}");
             assert!(p.elevations_deg.is_sorted_by(|a, b| a >= b), "{p:?}");
         }
     }

@@ -7,19 +7,9 @@ use super::random::Dice;
 use mluc_model::SensorProfile;
 
 /// Without a body that is seen: a car's own ground and free space before it, m.
-pub(crate) const CAR: Footprint = Footprint {
-    x: 0.5,
-    y: 0.0,
-    yaw: 0.0,
-    half: [3.5, 1.3],
-};
+pub(crate) const CAR: Footprint = Footprint::ahead(0.5, [3.5, 1.3]);
 /// The same of a small robot, m.
-const ROBOT: Footprint = Footprint {
-    x: 0.2,
-    y: 0.0,
-    yaw: 0.0,
-    half: [0.9, 0.6],
-};
+const ROBOT: Footprint = Footprint::ahead(0.2, [0.9, 0.6]);
 /// How often the sensor sees its own vehicle: a guess.
 const SEEN: f32 = 0.45;
 /// Trucks from this height of the sensor, m.
@@ -52,24 +42,14 @@ impl Ego {
         let is_one = profile.units.len() < 2;
         let below = |gap_m: f32| lowest_m - gap_m;
         if height_m < ROBOT_M {
-            robot(
-                &mut mesh,
-                height_m,
-                below(dice.range(0.08, 0.3)),
-                is_one,
-                dice,
-            );
+            let top = below(dice.range(0.08, 0.3));
+            robot(&mut mesh, height_m, top, is_one, dice);
         } else if height_m < TRUCK_M {
             car(&mut mesh, height_m, below(dice.range(0.22, 0.65)), dice);
         } else {
             let has_box = is_one && room.is_none();
-            truck(
-                &mut mesh,
-                height_m,
-                below(dice.range(0.25, 0.7)),
-                has_box,
-                dice,
-            );
+            let top = below(dice.range(0.25, 0.7));
+            truck(&mut mesh, height_m, top, has_box, dice);
         }
         if is_one && dice.chance(0.3) {
             for _ in 0..dice.whole(1, 2) {
@@ -86,11 +66,7 @@ impl Ego {
 /// A deck or a box on wheels, perhaps with something on it behind the sensor.
 fn robot(mesh: &mut Mesh, height_m: f32, top: f32, is_one: bool, dice: &mut Dice) {
     let paint = solid(dice.range(0.08, 0.6));
-    let size = v(
-        dice.range(0.4, 1.1),
-        dice.range(0.35, 0.75),
-        dice.range(0.12, 0.5),
-    );
+    let size = dice.size([0.4, 1.1], [0.35, 0.75], [0.12, 0.5]);
     let bottom = (top - size.z).max(0.06 - height_m);
     let top = top.max(bottom + 0.04);
     // The sensor sits in the middle of the deck, or at its front.
@@ -101,11 +77,8 @@ fn robot(mesh: &mut Mesh, height_m: f32, top: f32, is_one: bool, dice: &mut Dice
         mesh.rod([hub, hub + v(0.0, 0.08 * y.signum(), 0.0)], 0.12, 8, RUBBER);
     }
     if is_one && dice.chance(0.3) {
-        let load = v(
-            size.x * 0.3,
-            size.y * dice.range(0.3, 0.9),
-            dice.range(0.2, 0.7),
-        );
+        let (width, height) = (size.y * dice.range(0.3, 0.9), dice.range(0.2, 0.7));
+        let load = v(size.x * 0.3, width, height);
         let at = v(middle.x - size.x * 0.35, 0.0, top + load.z / 2.0);
         mesh.block(at, load, solid(dice.range(0.1, 0.6)));
     }
@@ -144,15 +117,10 @@ fn truck(mesh: &mut Mesh, height_m: f32, top: f32, has_box: bool, dice: &mut Dic
     } else {
         top
     };
-    let middle = v(
-        dice.range(-1.0, -0.2),
-        if beside {
-            dice.sign() * (width / 2.0 + dice.range(0.15, 0.5))
-        } else {
-            0.0
-        },
-        0.0,
-    );
+    let mut middle = v(dice.range(-1.0, -0.2), 0.0, 0.0);
+    if beside {
+        middle.y = dice.sign() * (width / 2.0 + dice.range(0.15, 0.5));
+    }
     let bottom = 0.5 - height_m;
     let cab = v(2.1, width, top - bottom);
     mesh.tapered(middle + up((top + bottom) / 2.0), cab, [0.93, 0.96], paint);
@@ -170,9 +138,7 @@ fn mast(mesh: &mut Mesh, height_m: f32, dice: &mut Dice) {
     let (sin, cos) = dice.spread(std::f32::consts::PI).sin_cos();
     let away = dice.range(0.15, 0.6);
     let at = v(away * cos, away * sin, 0.0);
-    let ends = [
-        -dice.range(0.1, 0.6).min(height_m - 0.1),
-        dice.range(0.05, 0.9),
-    ];
-    mesh.rod(ends.map(|z| at + up(z)), dice.range(0.008, 0.03), 6, METAL);
+    let below = -dice.range(0.1, 0.6).min(height_m - 0.1);
+    let ends = [below, dice.range(0.05, 0.9)].map(|z| at + up(z));
+    mesh.rod(ends, dice.range(0.008, 0.03), 6, METAL);
 }

@@ -180,11 +180,8 @@ fn prepare(options: &ExportOptions) -> Result<(), DatasetError> {
     let (folder, resume) = (&options.folder, options.resume);
     if resume && options.sequence.is_some() {
         let found = "a sequence, whose poses are not kept";
-        return Err(DatasetError::unexpected(
-            "an export to go on with",
-            "single frames",
-            found,
-        ));
+        let expected = "an export to go on with";
+        return Err(DatasetError::unexpected(expected, "single frames", found));
     }
     if folder.exists() && !resume {
         let mut entries = std::fs::read_dir(folder).map_err(DatasetError::read(folder))?;
@@ -229,13 +226,11 @@ fn write_frame(
     let rows = rows.flat_map(|([x, y, z, i], time_s)| [*x, *y, *z, *i, *time_s]);
     let timed = rows.flat_map(f32::to_le_bytes);
     let timed = options.moving.then(|| ("timed", "bin", timed.collect()));
-    files
-        .iter()
-        .chain(&timed)
-        .try_for_each(|(folder, extension, bytes)| {
-            let file = format!("{folder}/{index:06}.{extension}");
-            write_file(&options.folder.join(file), bytes)
-        })
+    for (folder, extension, bytes) in files.iter().chain(&timed) {
+        let file = format!("{folder}/{index:06}.{extension}");
+        write_file(&options.folder.join(file), bytes)?;
+    }
+    Ok(())
 }
 
 /// More objects than a scene has.

@@ -12,6 +12,12 @@ pub(crate) struct Footprint {
 }
 
 impl Footprint {
+    /// Of what heads along x, its middle at `x`.
+    pub(crate) const fn ahead(x: f32, half: [f32; 2]) -> Footprint {
+        let (y, yaw) = (0.0, 0.0);
+        Footprint { x, y, yaw, half }
+    }
+
     /// Of a thing with these lowest and highest corners, whose origin stands at `at`.
     pub(crate) fn of(low: V3, high: V3, at: [f32; 2], yaw: f32) -> Footprint {
         let middle = (low + high) / 2.0;

@@ -187,11 +187,8 @@ impl Ground {
                         *bank = dice.range(0.04, 0.22);
                     }
                 }
-                if dice.chance(0.3) {
-                    dice.range(1.0, 3.0)
-                } else {
-                    1.0
-                }
+                let is_hilly = dice.chance(0.3);
+                if is_hilly { dice.range(1.0, 3.0) } else { 1.0 }
             }
         };
         let mut under = [0.0; 2];

@@ -60,14 +60,11 @@ pub(crate) fn label(
         }
         let vertices = &scene.mesh.vertices[solid.vertices.clone()];
         let (image_box_px, truncated) = image_box(calibration, vertices);
+        let end = solid.box_in_sensor;
         let at_end = sensor.motion.is_some_and(|motion| motion.labels_at_end);
         objects.push(SimulatedObject {
             class: solid.class,
-            box_in_sensor: if at_end {
-                solid.box_in_sensor
-            } else {
-                box_in_sensor
-            },
+            box_in_sensor: if at_end { end } else { box_in_sensor },
             visibility: visibility(sensor, scene, solid, instance, &sweep)?,
             points,
             image_box_px,

@@ -175,10 +175,9 @@ impl std::str::FromStr for Class {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Class, String> {
-        let found = Class::REAL
-            .iter()
-            .find(|c| c.name().eq_ignore_ascii_case(text));
-        found.copied().ok_or_else(|| {
+        let mut classes = Class::REAL.into_iter();
+        let found = classes.find(|c| c.name().eq_ignore_ascii_case(text));
+        found.ok_or_else(|| {
             let names = Class::REAL.map(|c| c.name().to_ascii_lowercase());
             format!("expected one of {}, found '{text}'", names.join(", "))
         })
@@ -210,11 +209,8 @@ impl SimulatedObject {
         if family == Family::SimUdi && self.points < 10 {
             return 3;
         }
-        let levels = [0.75, 0.4, 0.1];
-        levels
-            .iter()
-            .filter(|least| self.visibility < **least)
-            .count() as i32
+        let levels = [0.75, 0.4, 0.1].into_iter();
+        levels.filter(|least| self.visibility < *least).count() as i32
     }
 }
 
@@ -310,17 +306,14 @@ fn turn(
         (None, Family::SimAny) => Some(drawn::sensor(&mut dice(7))),
         (None, _) => None,
     };
-    let height_m = profile
-        .as_ref()
-        .map(|p| p.height_m.unwrap_or_else(|| drawn::height_m(&mut dice(8))));
+    let drawn = || drawn::height_m(&mut dice(8));
+    let height_m = profile.as_ref().map(|p| p.height_m.unwrap_or_else(drawn));
     let ground = ground::Ground::draw(family, height_m, &mut dice(1));
-    let ego = profile
-        .as_ref()
-        .filter(|_| family == Family::SimAny)
-        .map(|profile| {
-            let height_m = -ground.height(0.0, 0.0);
-            ego::Ego::draw(profile, height_m, ground.room.as_ref(), &mut dice(9))
-        });
+    let on_vehicle = profile.as_ref().filter(|_| family == Family::SimAny);
+    let ego = on_vehicle.map(|profile| {
+        let height_m = -ground.height(0.0, 0.0);
+        ego::Ego::draw(profile, height_m, ground.room.as_ref(), &mut dice(9))
+    });
     let own_ground = ego.as_ref().map_or(ego::CAR, |ego| ego.footprint);
     let mut layout = layout::place_objects(stream, &ground, own_ground, &mut dice(2));
     let mut scene = scene::Scene::default();

@@ -89,9 +89,8 @@ mod tests {
 
     fn shown(index: u32) -> SimulatedFrame {
         let stream = Stream::full(Family::SimAny, Split::Train, 1);
-        turn(stream, [Some(&sensor()), None], index, None)
-            .expect("a frame")
-            .0
+        let shown = turn(stream, [Some(&sensor()), None], index, None);
+        shown.expect("a frame").0
     }
 
     /// The first frames of a place.

@@ -178,11 +178,8 @@ impl Sensor {
     /// The sensor of a frame; `half_turn` casts only the columns with x > 0.
     pub(crate) fn new(key: u64, half_turn: bool, realism: Realism) -> Sensor {
         let draw = |stream: Stream, beam: usize| hash(&[key, stream as u64, beam as u64]);
-        let noise = if realism.has(Step::Noise) {
-            NOISE
-        } else {
-            Noise::default()
-        };
+        let is_noisy = realism.has(Step::Noise);
+        let noise = if is_noisy { NOISE } else { Noise::default() };
         let beam = |b: usize| {
             let rings = realism.has(Step::Rings);
             let (nominal_deg, origin_z_m) = match b {
@@ -204,11 +201,8 @@ impl Sensor {
                 turn: None,
             }
         };
-        let (first_column, column_count) = if half_turn {
-            (COLUMNS - COLUMNS / 4, COLUMNS / 2)
-        } else {
-            (0, COLUMNS)
-        };
+        let (ahead, all) = ((COLUMNS - COLUMNS / 4, COLUMNS / 2), (0, COLUMNS));
+        let (first_column, column_count) = if half_turn { ahead } else { all };
         Sensor {
             key,
             beams: (0..BEAMS).map(beam).collect(),
@@ -330,10 +324,8 @@ impl Sensor {
             return (start, direction);
         };
         let (at, heading) = motion.pose(self.share_left(shot.1));
-        (
-            at + turned_by(start, heading),
-            turned_by(direction, heading),
-        )
+        let [start, direction] = [start, direction].map(|of| turned_by(of, heading));
+        (at + start, direction)
     }
 
     /// Of the turn, at a column.

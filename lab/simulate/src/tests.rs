@@ -88,29 +88,17 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads_and_in_parts() {
     };
     let (one, two) = (run(1, None), run(2, None));
     let parts = [0, 1].map(|index| run(2, Some([index, 2])));
-    for part in [
-        "velodyne/000003.bin",
-        "label_2/000000.txt",
-        "label_2/000003.txt",
-        "instances/000002.u16",
-        "calib/000001.txt",
-        "planes/000001.txt",
-        "ImageSets/val.txt",
-    ] {
-        let [one, two] = [&one, &two].map(|root| std::fs::read(root.join(part)).expect("a file"));
+    let files = "velodyne/000003.bin label_2/000000.txt label_2/000003.txt instances/000002.u16 \
+        calib/000001.txt planes/000001.txt ImageSets/val.txt";
+    for part in files.split(' ') {
+        let read = |root: &std::path::Path| std::fs::read(root.join(part));
+        let [one, two] = [&one, &two].map(|root| read(root).expect("a file"));
         assert!(one == two, "{part} differs");
         assert!(!one.is_empty() || part.starts_with("label_2"), "{part}");
-        let files = parts
-            .iter()
-            .filter_map(|root| std::fs::read(root.join(part)).ok());
-        let copies = files
-            .map(|file| assert!(file == one, "{part} differs"))
-            .count();
-        assert_eq!(
-            copies,
-            if part.starts_with("ImageSets") { 2 } else { 1 },
-            "{part}"
-        );
+        let copies: Vec<_> = parts.iter().filter_map(|root| read(root).ok()).collect();
+        assert!(copies.iter().all(|copy| *copy == one), "{part} differs");
+        let expected = if part.starts_with("ImageSets") { 2 } else { 1 };
+        assert_eq!(copies.len(), expected, "{part}");
     }
     let again = ExportOptions::new(Family::SimUdi, Split::Val, 1, 5, one);
     let refused = export(&again, || ()).expect_err("not empty").to_string();
@@ -192,10 +180,8 @@ fn deskewed_points_lie_where_the_rays_ended() {
     };
     let walls: [[f32; 2]; 4] = [[30.0, 0.0], [-30.0, 0.0], [0.0, 30.0], [0.0, -30.0]];
     let walls = walls.map(|[x, y]| {
-        block(
-            [x, y, 0.0],
-            [2.0 + 2.0 * y.abs(), 2.0 + 2.0 * x.abs(), 40.0],
-        )
+        let size = [2.0 + 2.0 * y.abs(), 2.0 + 2.0 * x.abs(), 40.0];
+        block([x, y, 0.0], size)
     });
     let scene = flat(&walls.each_ref().map(|wall| (wall, 1)));
     let mut sensor = sensor::Sensor::new(3, false, Realism::FULL);
@@ -211,9 +197,8 @@ fn deskewed_points_lie_where_the_rays_ended() {
         start * IsometryMatrix3::from_parts(at, rotation)
     };
     let deskew = Deskew::new([-0.12, 0.03], [pose(-0.12), pose(0.03)]).expect("a motion");
-    let world = scene
-        .searchable(0..scene.mesh.triangles.len())
-        .expect("a mesh");
+    let all = 0..scene.mesh.triangles.len();
+    let world = scene.searchable(all).expect("a mesh");
     let (mut points, mut sums_m, mut most_m) = (0, [0.0; 2], [0.0f32; 2]);
     let columns = sensor.column_count;
     for shot in (0..64 * columns).map(|i| (i / columns, i % columns)) {
@@ -261,10 +246,8 @@ fn a_pair_shows_the_same_objects() {
     let (one, other) = (shown(None), shown(Some(&dense)));
     assert!(other.points.len() > 2 * one.points.len());
     let boxes: Vec<Box3> = other.objects.iter().map(|o| o.box_in_sensor).collect();
-    let same = one
-        .objects
-        .iter()
-        .filter(|o| boxes.contains(&o.box_in_sensor));
+    let same = one.objects.iter();
+    let same = same.filter(|o| boxes.contains(&o.box_in_sensor));
     assert!(same.count() * 10 >= one.objects.len() * 9 && one.objects.len() > 3);
 }
 
@@ -318,11 +301,8 @@ fn labels_read_back_within_a_centimetre() {
             let last = plane.lines().last().unwrap_or_default().split(' ');
             let numbers: Vec<f64> = last.map(|n| n.parse().expect("a number")).collect();
             let (b, d) = (numbers[1], numbers[3]);
-            let heights = if family == Family::SimAny {
-                0.29..3.01
-            } else {
-                1.5..1.9
-            };
+            let is_any = family == Family::SimAny;
+            let heights = if is_any { 0.29..3.01 } else { 1.5..1.9 };
             assert!(b < -0.98 && heights.contains(&d), "plane {b} {d}");
         }
     }
@@ -378,10 +358,8 @@ fn training_never_shows_an_unknown_class_and_validation_does() {
 fn classes_that_are_also_known_stand_in_training() {
     let mut stream = Stream::full(Family::SimAny, Split::Train, 1);
     stream.also_known = Class::REAL.map(|class| class == Class::Forklift);
-    let all: Vec<Class> = (0..200)
-        .flat_map(|index| objects_in(stream, index))
-        .map(|object| object.class)
-        .collect();
+    let all = (0..200).flat_map(|index| objects_in(stream, index));
+    let all: Vec<Class> = all.map(|object| object.class).collect();
     let count = |class| all.iter().filter(|c| **c == class).count();
     assert!(count(Class::Forklift) > 200, "{}", count(Class::Forklift));
     assert_eq!(count(Class::GolfCart) + count(Class::Van), 0);
@@ -400,10 +378,7 @@ fn unseen_classes_stand_in_one_split_and_never_in_training() {
             let count = shown.len();
             shown.sort();
             shown.dedup();
-            assert_eq!(
-                shown,
-                Unseen::of(split).map(Class::Unseen).collect::<Vec<_>>()
-            );
+            assert!(Unseen::of(split).map(Class::Unseen).eq(shown));
             assert!(count > 160, "{family:?} {split:?}: {count}");
         }
         let options = ExportOptions {
@@ -411,10 +386,8 @@ fn unseen_classes_stand_in_one_split_and_never_in_training() {
             ..ExportOptions::new(family, Split::Train, 1, 1, folder.path().join("train"))
         };
         let fault = export(&options, || ()).expect_err("training").to_string();
-        assert!(
-            fault.contains("expected the split val or test, found train"),
-            "{fault}"
-        );
+        let words = "expected the split val or test, found train";
+        assert!(fault.contains(words), "{fault}");
     }
 }
 
@@ -432,10 +405,8 @@ fn an_export_goes_on_where_it_was_interrupted() {
     options.resume = true;
     export(&options, || ()).expect("written");
     assert!(std::fs::read(path("velodyne/000001.bin")).expect("a scan") == scan);
-    assert_eq!(
-        std::fs::read(path("velodyne/000000.bin")).expect("a scan"),
-        b"kept"
-    );
+    let kept = std::fs::read(path("velodyne/000000.bin"));
+    assert_eq!(kept.expect("a scan"), b"kept");
 }
 
 #[test]
@@ -515,17 +486,12 @@ fn a_sequence_shows_the_same_scene_from_a_moving_sensor() {
     let (family, split, seed, steps) = (Family::SimUdi, Split::Test, 3, 10);
     let stream = Stream::full(family, split, seed);
     let shown = |index, step| {
-        turn(
-            stream,
-            [None; 2],
-            index,
-            Some(Turn {
-                step,
-                steps,
-                moves: false,
-            }),
-        )
-        .unwrap()
+        let part = Turn {
+            step,
+            steps,
+            moves: false,
+        };
+        turn(stream, [None; 2], index, Some(part)).unwrap()
     };
     // The first turn is at the place, and with the objects, of the frame without a sequence.
     let (first, start) = shown(0, 0);

@@ -176,11 +176,8 @@ pub fn crop(scan: &mut LabelledScan, grid: &Grid) {
         low..=high
     });
     scan.objects.retain(|object| {
-        let corners = object.bounds.footprint_m();
-        let mut inside = corners
-            .iter()
-            .map(|c| (0..2).all(|i| ranges[i].contains(&c[i])));
-        inside.any(|inside| inside)
+        let is_inside = |c: &[f64; 2]| (0..2).all(|i| ranges[i].contains(&c[i]));
+        object.bounds.footprint_m().iter().any(is_inside)
     });
 }
 

@@ -190,9 +190,8 @@ mod tests {
         };
         let examples: Vec<Example> = (0..600).map(|i| draw(i % 3 == 0)).collect();
         let mlp = fit(&examples, ALL, 1);
-        let logits = examples
-            .iter()
-            .map(|(f, _)| mlp.forward(f.to_vec()).output()[0]);
+        let logit = |(f, _): &Example| mlp.forward(f.to_vec()).output()[0];
+        let logits = examples.iter().map(logit);
         let logits: Vec<f32> = logits.collect();
         let right = examples.iter().zip(&logits);
         let right = right.filter(|((_, is_object), x)| (**x > 0.0) == *is_object);

@@ -24,9 +24,8 @@ pub struct Cells {
 impl Cells {
     /// From marks of a dense map.
     pub fn from_marks(shape: [usize; 3], marks: &[bool]) -> Cells {
-        let listed: Vec<u32> = (0..marks.len() as u32)
-            .filter(|cell| marks[*cell as usize])
-            .collect();
+        let listed = (0..marks.len() as u32).filter(|cell| marks[*cell as usize]);
+        let listed: Vec<u32> = listed.collect();
         let mut row_of = vec![listed.len() as u32; marks.len()];
         for (row, &cell) in listed.iter().enumerate() {
             row_of[cell as usize] = row as u32;

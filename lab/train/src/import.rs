@@ -15,11 +15,8 @@ use crate::trainer::Trainer;
 
 /// The model file of `path`: itself, or that of a run's folder.
 pub(crate) fn model_path(path: &Path) -> PathBuf {
-    if path.is_dir() {
-        path.join("model.safetensors")
-    } else {
-        path.to_owned()
-    }
+    let inside = path.is_dir().then(|| path.join("model.safetensors"));
+    inside.unwrap_or_else(|| path.to_owned())
 }
 
 /// Takes what fits into `trainer`; says what it took. `path`: as at [`model_path`].
@@ -45,11 +42,8 @@ pub(crate) fn start_from(
         (taken, rows) = (taken + copied, rows + names.len());
         let missing = names.len() - copied;
         if missing > 0 {
-            fresh.push(format!(
-                "{missing} of {} rows of {}",
-                names.len(),
-                head.name
-            ));
+            let (all, name) = (names.len(), &head.name);
+            fresh.push(format!("{missing} of {all} rows of {name}"));
         }
     }
     if taken_layers + taken == 0 {

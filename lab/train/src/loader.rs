@@ -156,13 +156,9 @@ impl DataLoader {
         Random::new(self.seed, &[3, place]).shuffle(&mut occupied);
         occupied.truncate(self.background_cells);
         let weight = BACKGROUND_SHARE / occupied.len().max(1) as f32;
-        targets
-            .cells
-            .extend(occupied.into_iter().map(|cell| CellLabel {
-                cell,
-                is: CellClass::Background,
-                weight,
-            }));
+        let is = CellClass::Background;
+        let background = |cell| CellLabel { cell, is, weight };
+        targets.cells.extend(occupied.into_iter().map(background));
     }
 
     /// Batches of `steps` in order, prepared ahead by one thread for every four cores. The threads end when the queue is dropped.

@@ -72,9 +72,8 @@ impl Log {
             }
             let mut file = File::options().create(true).append(true).open(&path)?;
             // An interruption may have cut the last line.
-            let is_cut = std::fs::read(&path)?
-                .last()
-                .is_some_and(|last| *last != b'\n');
+            let written = std::fs::read(&path)?;
+            let is_cut = written.last().is_some_and(|last| *last != b'\n');
             if is_cut {
                 file.write_all(b"\n")?;
             }
@@ -105,9 +104,8 @@ impl Log {
         let count = self.count as f64;
         line.means_mut().for_each(|value| *value /= count);
         let seconds = self.since.elapsed().as_secs_f64() / count;
-        let pace_s = self
-            .pace_s
-            .map_or(seconds, |pace| 0.9 * pace + 0.1 * seconds);
+        let smooth = |pace| 0.9 * pace + 0.1 * seconds;
+        let pace_s = self.pace_s.map_or(seconds, smooth);
         (line.step, line.steps, line.rate) = (done, self.steps, rate);
         line.frames_per_s = self.batch as f64 / seconds;
         line.left_s = pace_s * (self.steps - done) as f64;

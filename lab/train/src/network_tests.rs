@@ -40,9 +40,8 @@ pub(crate) fn scans() -> Vec<Vec<[f32; 4]>> {
         };
         (0..n).map(|_| point()).collect()
     };
-    [2.0, 3.0]
-        .map(|x| [around(x, 0.5, 30), around(5.1, -0.6, 20)].concat())
-        .into()
+    let scan = |x| [around(x, 0.5, 30), around(5.1, -0.6, 20)].concat();
+    [2.0, 3.0].map(scan).into()
 }
 
 pub(crate) fn targets(network: &Network) -> BatchTargets {

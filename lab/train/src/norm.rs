@@ -222,10 +222,8 @@ mod tests {
 
     fn assert_near(a: &[f32], b: &[f32], most: f32) {
         let mut pairs = a.iter().zip(b);
-        assert!(
-            a.len() == b.len() && pairs.all(|(a, b)| (a - b).abs() < most),
-            "{a:?} {b:?}"
-        );
+        let are_near = pairs.all(|(a, b)| (a - b).abs() < most);
+        assert!(a.len() == b.len() && are_near, "{a:?} {b:?}");
     }
 
     #[test]

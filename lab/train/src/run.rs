@@ -138,9 +138,8 @@ impl Run {
         let epoch_steps = (self.source.count().div_ceil(settings.batch) as u64).max(1);
         for step in first..settings.steps {
             let ended = || format!("the thread that prepares batches ended before step {step}");
-            let batch = batches
-                .take()
-                .ok_or_else(|| TrainError::Stopped(ended()))??;
+            let ended = || TrainError::Stopped(ended());
+            let batch = batches.take().ok_or_else(ended)??;
             let progress = self.trainer.step(&batch)?;
             let done = progress.step;
             if let Some(line) = log.add(progress)? {
@@ -258,8 +257,6 @@ fn measure_anchors(
     for anchor in &mut manifest.generic {
         anchor.bottom_z_m = bottom_z_m;
     }
-    manifest.validate().map_err(|cause| {
-        let cause = Box::new(cause);
-        TrainError::Model(ModelError::InFile { path, cause })
-    })
+    let in_file = |cause: ModelError| ModelError::InFile(path, cause.into());
+    Ok(manifest.validate().map_err(in_file)?)
 }

@@ -25,12 +25,8 @@ pub struct TrainSettings {
     #[arg(long, value_enum, default_value = "compact")]
     pub architecture: Architecture,
     /// What its heads learn.
-    #[arg(
-        long = "network",
-        value_enum,
-        default_value = "metric",
-        value_name = "NETWORK"
-    )]
+    #[arg(long = "network", value_name = "NETWORK")]
+    #[arg(value_enum, default_value = "metric")]
     pub kind: NetworkKind,
     /// Folder with train/ and val/ in KITTI's format (`mluc-lab simulate` makes them); all scans in them are taken, lists in ImageSets are not read.
     #[arg(long)]
@@ -67,11 +63,8 @@ pub struct TrainSettings {
     pub validate_frames: usize,
     /// Classes of labels that the network does not know, beside KITTI's and the simulator's: their place teaches nothing. Any other class is
     /// an error: misspelt, its objects would be left out without a word.
-    #[arg(
-        long = "ignore-classes",
-        value_delimiter = ',',
-        value_name = "CLASS,.."
-    )]
+    #[arg(long = "ignore-classes", value_name = "CLASS,..")]
+    #[arg(value_delimiter = ',')]
     pub ignored_classes: Vec<String>,
     /// Steps between checkpoints.
     #[arg(long, default_value_t = 200)]
@@ -88,12 +81,8 @@ impl TrainSettings {
     /// Where they are none of its options.
     pub fn of(options: &[&str], data: &Path, out: &Path) -> TrainSettings {
         let options = ["train"].iter().chain(options).map(OsStr::new);
-        let folders = [
-            "--data".as_ref(),
-            data.as_os_str(),
-            "--out".as_ref(),
-            out.as_os_str(),
-        ];
+        let folders = [("--data", data), ("--out", out)].into_iter();
+        let folders = folders.flat_map(|(option, folder)| [OsStr::new(option), folder.as_os_str()]);
         TrainSettings::try_parse_from(options.chain(folders)).expect("options of the trainer")
     }
 
@@ -212,11 +201,8 @@ impl TrainSettings {
         let wanted = self.classes().saturating_sub(manifest.classes.len());
         manifest.classes.extend(unknown.take(wanted));
         if !self.known.is_empty() {
-            manifest.classes = self
-                .known
-                .iter()
-                .map(|name| AnchorClass::named(name))
-                .collect();
+            let named = self.known.iter().map(|name| AnchorClass::named(name));
+            manifest.classes = named.collect();
         }
         Manifest {
             uses_intensity: false,
@@ -301,17 +287,13 @@ mod tests {
         let good = TrainSettings::of(&options, Path::new("data"), Path::new("out"));
         assert!(good.check().is_ok() && good.variance_weight == 0.1);
         type Change = fn(&mut TrainSettings);
+        let rate = "--learning-rate: expected above 0 and below 1, found 1";
+        let weight = "--variance-weight: expected 0 to 100, found NaN";
         let cases: [(Change, &str); 4] = [
             (|s| s.steps = 0, "--steps: expected 1 or more, found 0"),
             (|s| s.batch = 65, "--batch: expected 1 to 64, found 65"),
-            (
-                |s| s.learning_rate = 1.0,
-                "--learning-rate: expected above 0 and below 1, found 1",
-            ),
-            (
-                |s| s.variance_weight = f32::NAN,
-                "--variance-weight: expected 0 to 100, found NaN",
-            ),
+            (|s| s.learning_rate = 1.0, rate),
+            (|s| s.variance_weight = f32::NAN, weight),
         ];
         for (change, expected) in cases {
             let mut changed = good.clone();

@@ -60,11 +60,8 @@ impl Local {
         let mut size_m = self.size_m;
         size_m[axis] = (self.size_m[axis] + other.size_m[axis]) / 2.0;
         // Along x the joint moves off the middle by a quarter of the difference of lengths.
-        let shift = if axis == 2 {
-            0.0
-        } else {
-            (self.size_m[0] - other.size_m[0]) / 4.0
-        };
+        let off = (self.size_m[0] - other.size_m[0]) / 4.0;
+        let shift = if axis == 2 { 0.0 } else { off };
         let mut points: Vec<[f64; 4]> = self.points;
         points.retain(|p| p[axis] < low);
         let upper = other.points.into_iter().filter(|p| p[axis] >= high);
@@ -177,9 +174,8 @@ mod tests {
                 ..local.place(&bounds, 1.0)
             }
         };
-        [0, 1]
-            .map(|class| (0..20).map(|_| sample(class)).collect())
-            .into()
+        let samples = |class| (0..20).map(|_| sample(class)).collect();
+        [0, 1].map(samples).into()
     }
 
     #[test]

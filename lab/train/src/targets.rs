@@ -173,9 +173,8 @@ impl Anchors {
             if !is_target {
                 // Neither right nor wrong: an object of no class may look like one to the anchors of a class.
                 if class.is_none() {
-                    let near = anchors
-                        .clone()
-                        .map(|anchor| self.near(&object.bounds, anchor));
+                    let near = anchors.clone();
+                    let near = near.map(|anchor| self.near(&object.bounds, anchor));
                     found.ignored.extend(near.flatten());
                 }
                 continue;

@@ -21,12 +21,8 @@ pub(crate) fn validate(
     let mut frames = detect_frames(Precision::default(), model, &set, || ())?;
     frames.iter_mut().for_each(DetectedFrame::drop_generic);
     let name = &model.manifest.name;
-    let rules = paper_rules(
-        name,
-        &model.manifest.class_names(),
-        &[],
-        NeighbourPolicy::Official,
-    )?;
+    let (classes, official) = (model.manifest.class_names(), NeighbourPolicy::Official);
+    let rules = paper_rules(name, &classes, &[], official)?;
     let found = GatedObjects::ungated(model, &frames);
     let report = evaluate(&found.labelled(&frames, 0), &rules);
     let boxes = frames.iter().map(|frame| frame.detections.len()).sum();

@@ -227,12 +227,8 @@ pub(crate) struct LayoutArgs {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     columns: Vec<String>,
     /// Where the sensor is in the coordinates of the files, which may be those of a map [default: 0,0,0].
-    #[arg(
-        long,
-        value_delimiter = ',',
-        value_name = "X,Y,Z",
-        allow_hyphen_values = true
-    )]
+    #[arg(long, value_delimiter = ',', value_name = "X,Y,Z")]
+    #[arg(allow_hyphen_values = true)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     origin: Vec<f64>,
     /// Metres a unit of the coordinates, 0.001 for mm [default: 1].

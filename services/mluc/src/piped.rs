@@ -44,15 +44,11 @@ impl Piped {
         made.with_context(about)?;
         let piped = Piped(folder.clone());
         let mut head = Vec::new();
-        stdin()
-            .take(16)
-            .read_to_end(&mut head)
-            .with_context(about)?;
+        let read = stdin().take(16).read_to_end(&mut head);
+        read.with_context(about)?;
         let mark = BEGINNINGS.iter().find(|(mark, _)| head.starts_with(mark));
-        let path = folder.join(format!(
-            "stdin.{}",
-            mark.map_or("bin", |(_, ending)| ending)
-        ));
+        let ending = mark.map_or("bin", |(_, ending)| ending);
+        let path = folder.join(format!("stdin.{ending}"));
         let mut file = File::create_new(&path).with_context(about)?;
         let mut limited = head.as_slice().chain(stdin().lock()).take(BYTES_MAX);
         let bytes = copy(&mut limited, &mut file).with_context(about)?;

@@ -203,10 +203,8 @@ fn flag_layers(args: &PipelineArgs) -> anyhow::Result<Vec<Table>> {
         lines.push(format!("refiner.variant = '{name}'"));
     }
     if let Some(profile) = &args.sensor {
-        lines.push(format!(
-            "sensor.profile = {}",
-            Value::from(profile.as_str())
-        ));
+        let profile = Value::from(profile.as_str());
+        lines.push(format!("sensor.profile = {profile}"));
     }
     let mut layers = vec![Table::try_from(args)?];
     for line in lines {
@@ -241,25 +239,7 @@ mod tests {
         (folder, format!("--config={}", file.display()))
     }
 
-    const FILE: &str = r#"
-        instance = "front"
-        input = "scans"
-        model = "any-open"
-        pace = "complete"
-        rate_hz = 10.0
-        loop = true
-        seconds = 3
-        unknown_min = 0.6
-        track = true
-        [stages.backbone]
-        threads = 4
-        [stages.refiner]
-        command = ["python3", "refiner.py"]
-        [refiner]
-        points_min = 9
-        [bench]
-        seconds = 2
-    "#;
+    const FILE: &str = include_str!("resolve_file.toml");
 
     #[test]
     fn the_command_line_wins_over_the_file_and_the_file_over_defaults() {

@@ -73,10 +73,8 @@ fn doctor_finds_few_open_files_and_segments_without_an_instance() {
     let (user, process) = (rustix::process::geteuid().as_raw(), std::process::id());
     let lost = format!("/dev/shm/mluc-{user}-lost-{process}.1.data");
     std::fs::write(&lost, "").expect("shared memory");
-    let line = format!(
-        "ulimit -n 900; exec '{}' doctor",
-        env!("CARGO_BIN_EXE_mluc")
-    );
+    let program = env!("CARGO_BIN_EXE_mluc");
+    let line = format!("ulimit -n 900; exec '{program}' doctor");
     let output = Command::new("sh").args(["-c", &line]).output();
     std::fs::remove_file(&lost).expect("still there");
     let output = output.expect("a shell");

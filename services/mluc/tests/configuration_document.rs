@@ -75,9 +75,8 @@ fn variables() -> BTreeSet<String> {
                 folders.push(path);
             } else if is_code {
                 let code = std::fs::read_to_string(&path).expect("readable");
-                let code = code
-                    .replace(" env!(\"", " env!(")
-                    .replace("(env!(\"", "(env!(");
+                let code = code.replace(" env!(\"", " env!(");
+                let code = code.replace("(env!(\"", "(env!(");
                 let literals = code.split("\"MLUC_").skip(1);
                 let names =
                     literals.filter_map(|literal| literal.split_once('"').map(|(name, _)| name));

@@ -68,10 +68,8 @@ fn every_object_of_a_street_is_one_cluster() {
 
 #[test]
 fn people_beside_each_other_are_told_apart() {
-    let people = [
-        standing(10.0, 0.0, [0.5, 0.5, 1.75], 0.0),
-        standing(10.0, 0.9, [0.5, 0.5, 1.7], 0.0),
-    ];
+    let people = [(0.0, 1.75), (0.9, 1.7)];
+    let people = people.map(|(y, height)| standing(10.0, y, [0.5, 0.5, height], 0.0));
     let out = find(&scan(&people));
     assert_eq!(substantial(&out), 2);
 }

@@ -201,10 +201,8 @@ fn what_is_below_the_profiles_scores_is_not_published() {
         },
         ..Settings::default()
     };
-    let out = refined(
-        Refiner::new(settings, &open()).expect("settings"),
-        &detections,
-    );
+    let refiner = Refiner::new(settings, &open()).expect("settings");
+    let out = refined(refiner, &detections);
     let low = out.objects.iter().map(|o| is(o, Disposition::LowScore));
     assert!(low.eq([false, true, true, true, true, true, false]));
     let published = out.objects.iter().filter(|o| o.is_published());

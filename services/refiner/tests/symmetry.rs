@@ -49,9 +49,8 @@ fn compared(change: impl FnOnce(&mut [Point], &mut [Detection])) -> Vec<(Object,
     change(&mut points, &mut detections);
     let after = refine(Variant::RangeScaled, &points, &detections);
     let pairs = before.objects.into_iter().zip(after.objects);
-    pairs
-        .inspect(|(a, b)| assert_eq!(a.disposition, b.disposition))
-        .collect()
+    let pairs = pairs.inspect(|(a, b)| assert_eq!(a.disposition, b.disposition));
+    pairs.collect()
 }
 
 /// Of a person two faces of half a metre are seen: several headings fit them as well, so that the heading may jump.

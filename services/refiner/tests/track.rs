@@ -83,15 +83,11 @@ fn a_track_is_confirmed_when_it_is_likely_or_moves_over_the_ground() {
         for (at, object) in seen.iter().enumerate() {
             let is_confirmed = at >= confirmed_from;
             let expected = [otherwise, Published][usize::from(is_confirmed)];
-            assert_eq!(
-                object.disposition, expected as u32,
-                "{before:?} {probability} {at}"
-            );
+            let found = object.disposition;
+            assert_eq!(found, expected as u32, "{before:?} {probability} {at}");
             let news = object.track().expect("a track");
-            assert_eq!(
-                (news.is_confirmed, news.age_scans),
-                (is_confirmed, at as u32)
-            );
+            let found = (news.is_confirmed, news.age_scans);
+            assert_eq!(found, (is_confirmed, at as u32));
             let expected = (is_known == 1 && at > 0).then_some(speed_mps);
             assert_eq!(news.speed_mps, expected);
         }

@@ -31,10 +31,8 @@ pub(crate) fn publish(instance: &Instance) -> anyhow::Result<()> {
         let writer = publisher.create_datawriter_no_key(&topic, Some(qos));
         writers.push(writer.with_context(|| format!("topic {}", own.name))?);
     }
-    tracing::info!(
-        domain = participant.domain_id(),
-        "publishing; Ctrl-C ends it"
-    );
+    let domain = participant.domain_id();
+    tracing::info!(domain, "publishing; Ctrl-C ends it");
     let mut dropped = 0;
     while let Some(moment) = follower.next(|| true)? {
         // The channels are in the order of the topics; the line has none.

@@ -7,17 +7,12 @@ pub(crate) type Result<T> = std::result::Result<T, RuntimeError>;
 
 /// A failure of the process shell.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)] // The message above each variant says what its fields are.
 pub enum RuntimeError {
-    /// A role that only one process may have is taken; `pid` is `?` when the other process did not say.
+    /// A role that only one process may have is taken: role, instance, process, which is `?` when it did not say.
     #[error(
-        "{role} of instance '{instance}' is already run by process {pid}: stop it, or choose another name with --instance"
+        "{0} of instance '{1}' is already run by process {2}: stop it, or choose another name with --instance"
     )]
-    AlreadyRunning {
-        role: String,
-        instance: String,
-        pid: String,
-    },
+    AlreadyRunning(String, String, String),
     /// The instance cannot be named so or joined; a topic cannot be opened, or a message of it cannot be lent, sent or taken;
     /// the file system failed.
     #[error("{0}")]

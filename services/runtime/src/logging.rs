@@ -17,6 +17,7 @@ use tracing::field::{Field, Visit};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::prelude::*;
 
+use crate::monotonic_ns;
 use repeats::Repeats;
 pub use stderr::PatientStderr;
 
@@ -49,9 +50,8 @@ pub fn log_line(process: &str, level: Level, message: &str, fields: &[(&str, Str
         let level = level.as_str();
         return json!({"time": time, "level": level, "process": process, "message": message, "fields": fields}).to_string();
     }
-    let fields = fields
-        .iter()
-        .map(|(name, value)| format!(" {name}={value}"));
+    let fields = fields.iter();
+    let fields = fields.map(|(name, value)| format!(" {name}={value}"));
     let fields: String = fields.collect();
     // One line an event.
     let text = format!("{message}{fields}").replace('\n', "\\n");
@@ -60,11 +60,7 @@ pub fn log_line(process: &str, level: Level, message: &str, fields: &[(&str, Str
 
 /// Writes the sums of messages that repeated and whose time is over; at the end of a process, of all.
 pub fn tell_repeats(is_end: bool) {
-    let now_ns = if is_end {
-        u64::MAX
-    } else {
-        crate::monotonic_ns()
-    };
+    let now_ns = if is_end { u64::MAX } else { monotonic_ns() };
     for line in sums(now_ns) {
         let _ = PatientStderr(Duration::ZERO).write_all(format!("{line}\n").as_bytes());
     }
@@ -76,12 +72,8 @@ fn sums(now_ns: u64) -> Vec<String> {
     let ended = repeats.ended(now_ns).into_iter();
     let process = PROCESS.get().unwrap_or(&"log");
     let line = |(level, message, count)| {
-        log_line(
-            process,
-            level,
-            &format!("{message} ({count} more like it)"),
-            &[],
-        )
+        let told = format!("{message} ({count} more like it)");
+        log_line(process, level, &told, &[])
     };
     ended.map(line).collect()
 }

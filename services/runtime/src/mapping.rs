@@ -81,11 +81,8 @@ impl Prefault {
 #[allow(unsafe_code)]
 fn populate(mapping: &Mapping) -> std::io::Result<()> {
     use rustix::mm::{Advice, madvise};
-    let advice = if mapping.is_writable {
-        Advice::LinuxPopulateWrite
-    } else {
-        Advice::LinuxPopulateRead
-    };
+    let [read, write] = [Advice::LinuxPopulateRead, Advice::LinuxPopulateWrite];
+    let advice = if mapping.is_writable { write } else { read };
     let start = mapping.addresses.start as *mut std::ffi::c_void;
     // SAFETY: MADV_POPULATE_* only faults pages in; it changes no content and fails with an error, not a signal, when
     // the range is no longer mapped. The range comes from /proc/self/maps, whole pages.

@@ -114,11 +114,8 @@ impl Membership {
         let file = open_lock(&path).map_err(RuntimeError::io("opening", &path))?;
         if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
             let pid = ClaimNote::read(&self.instance, role).map(|note| note.pid.to_string());
-            return Err(RuntimeError::AlreadyRunning {
-                role: role.to_string(),
-                instance: self.instance.name().to_string(),
-                pid: pid.unwrap_or("?".to_string()),
-            });
+            let (name, pid) = (self.instance.name(), pid.unwrap_or("?".to_string()));
+            return Err(RuntimeError::AlreadyRunning(role.into(), name.into(), pid));
         }
         let claim = Claim { file };
         let written = claim.note_frame(None);
@@ -144,11 +141,7 @@ fn is_ours_alone(instance: &Instance) -> Result<bool> {
         return Ok(true);
     }
     let expected = format!("a folder of user {}, mode 700", geteuid().as_raw());
-    let kind = if about.is_dir() {
-        "a folder"
-    } else {
-        "no folder"
-    };
+    let kind = ["no folder", "a folder"][usize::from(about.is_dir())];
     let cause = format!(
         "{}: expected {expected}, found {kind} of user {uid}, mode {mode:o}; have it removed, or choose another --instance",
         root.display()
@@ -308,10 +301,8 @@ mod tests {
         let root = instance.root();
         let refuses = |words: &str| {
             let error = Membership::join(&instance, "a").unwrap_err().to_string();
-            assert!(
-                error.contains(words) && error.contains("mode 700"),
-                "{error}"
-            );
+            let is_named = error.contains(words) && error.contains("mode 700");
+            assert!(is_named, "{error}");
         };
         fs::create_dir(root).unwrap();
         fs::set_permissions(root, fs::Permissions::from_mode(0o777)).unwrap();

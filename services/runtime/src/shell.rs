@@ -60,7 +60,7 @@ fn join_as(instance: &Instance, role: Option<&str>) -> Result<(Membership, Optio
     loop {
         let membership = Membership::join(instance, role.unwrap_or("observer"))?;
         match role.map(|role| membership.claim(role)).transpose() {
-            Err(RuntimeError::AlreadyRunning { .. }) if begun.elapsed() < LEAVING_PATIENCE => (),
+            Err(RuntimeError::AlreadyRunning(..)) if begun.elapsed() < LEAVING_PATIENCE => (),
             claimed => return Ok((membership, claimed?)),
         }
         drop(membership);
@@ -164,7 +164,7 @@ impl Shell {
         // Of the run that this process began before.
         self.run_writer = None;
         let claim = match self.membership.claim(run::ROLE) {
-            Err(RuntimeError::AlreadyRunning { .. }) => return Ok(false),
+            Err(RuntimeError::AlreadyRunning(..)) => return Ok(false),
             claimed => claimed?,
         };
         let output = self.output(&Topic::RUN, 1)?;

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, Result};
 use mluc_ipc_types::Flags;
 
 use crate::files::Layout;
@@ -28,7 +28,7 @@ pub(crate) struct CaptureScans {
 }
 
 impl CaptureScans {
-    pub(crate) fn open(path: &Path, layout: &Layout) -> anyhow::Result<CaptureScans> {
+    pub(crate) fn open(path: &Path, layout: &Layout) -> Result<CaptureScans> {
         let calibration = calibration(layout)?;
         let detect = Capture::open(path).and_then(|capture| capture.detect(calibration.as_ref()));
         let decoder = detect.with_context(|| format!("input {}", path.display()))?;
@@ -45,12 +45,7 @@ impl CaptureScans {
     }
 
     /// Decodes on to the turn of a number, unless that is loaded; `repeat`: after the capture's end it begins again.
-    pub(crate) fn load(
-        &mut self,
-        sequence: u64,
-        repeat: bool,
-        scan: &mut Scan,
-    ) -> anyhow::Result<Next> {
+    pub(crate) fn load(&mut self, sequence: u64, repeat: bool, scan: &mut Scan) -> Result<Next> {
         if sequence < self.sequence {
             return Ok(Next::Scan);
         }
@@ -100,7 +95,7 @@ impl CaptureScans {
 }
 
 /// Of the unit, where one is given.
-pub(crate) fn calibration(layout: &Layout) -> anyhow::Result<Option<Calibration>> {
+pub(crate) fn calibration(layout: &Layout) -> Result<Option<Calibration>> {
     let Some(path) = &layout.calibration else {
         return Ok(None);
     };
@@ -171,10 +166,8 @@ mod tests {
                 let (points, name) = (scan.bytes.len() / 16, format!("{sequence:06}"));
                 let (round, part) = (sequence / 4, sequence as usize % 4);
                 let packets = [38, 75, 75, 37][part];
-                assert_eq!(
-                    (next, points, &scan.name),
-                    (Next::Scan, packets * 384, &name)
-                );
+                let found = (next, points, &scan.name);
+                assert_eq!(found, (Next::Scan, packets * 384, &name));
                 assert_eq!(scan.flags.contains(Flags::DAMAGED_INPUT), packets < 75);
                 // A round begins one period after the last turn began.
                 let begin = round * 263 + [0, 38, 113, 188][part];
@@ -191,12 +184,8 @@ mod tests {
             calibration: Some("/nowhere.csv".into()),
             ..Layout::default()
         };
-        let error = CaptureScans::open(Path::new("any.pcap"), &layout)
-            .err()
-            .unwrap();
-        assert!(
-            format!("{error:#}").contains("calibration /nowhere.csv"),
-            "{error:#}"
-        );
+        let opened = CaptureScans::open(Path::new("any.pcap"), &layout);
+        let error = format!("{:#}", opened.err().unwrap());
+        assert!(error.contains("calibration /nowhere.csv"), "{error}");
     }
 }

@@ -70,10 +70,8 @@ impl Folder {
             }
         }
         let below = "velodyne/ or velodyne_points/data/ below it (of a ROS bag, `mcap convert IN OUT.mcap` makes a recording)";
-        bail!(
-            "input {name}: no scans ({}) there, nor in {below}",
-            endings()
-        )
+        let endings = endings();
+        bail!("input {name}: no scans ({endings}) there, nor in {below}")
     }
 
     /// Refuses to correct scans for motion that have no stamps and poses, or whose first one has points without times.
@@ -167,9 +165,8 @@ impl Folder {
         file.clear();
         let path = &self.scans[index];
         let format = Format::of(path).context("a file of another format")?;
-        File::open(path)?
-            .take(SCAN_BYTES_MAX + 1)
-            .read_to_end(&mut file)?;
+        let mut limited = File::open(path)?.take(SCAN_BYTES_MAX + 1);
+        limited.read_to_end(&mut file)?;
         Ok(format.convert(&self.layout, file, scan)?)
     }
 }

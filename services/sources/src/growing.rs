@@ -139,13 +139,8 @@ mod tests {
         assert_eq!(until("7", &mut growing).0, 7);
         assert!(growing.silence().is_none());
         let error = Growing::open(&format!("{path}/1.bin"), &Layout::default());
-        assert!(
-            error
-                .err()
-                .unwrap()
-                .to_string()
-                .contains("expected a folder")
-        );
+        let error = error.err().unwrap().to_string();
+        assert!(error.contains("expected a folder"));
         fs::remove_dir_all(path).unwrap();
         assert!(growing.load(&mut Scan::default(), PATIENCE).is_err());
     }
@@ -160,9 +155,7 @@ mod tests {
         assert_eq!(growing.next().unwrap(), None, "it may grow still");
         put("b.bin");
         let (path, missed) = growing.next().unwrap().expect("a newer one is there");
-        assert_eq!(
-            (path.file_name().unwrap().to_str(), missed),
-            (Some("a.bin"), 0)
-        );
+        let name = path.file_name().unwrap().to_str();
+        assert_eq!((name, missed), (Some("a.bin"), 0));
     }
 }

@@ -131,11 +131,8 @@ impl Source {
         let is_whole = repeat || matches!(kind, Kind::Live(_) | Kind::Merged(_));
         if shard.is_some() && is_whole {
             let expected = "one input of files, a capture or a recording, once";
-            return Ok(refused(
-                "shard",
-                expected,
-                "a live sensor, [[lidar]] or --loop",
-            )?);
+            let found = "a live sensor, [[lidar]] or --loop";
+            return Ok(refused("shard", expected, found)?);
         }
         Ok(Source {
             kind,

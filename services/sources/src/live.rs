@@ -238,10 +238,8 @@ mod tests {
         let (mut scan, mut loaded, mut missed) = (Scan::default(), 0, 0);
         std::thread::sleep(Duration::from_millis(200));
         while scan.name != "000003" {
-            next(&mut live, &mut scan, |next, _| {
-                matches!(next, Ok(Next::Scan))
-            })
-            .unwrap();
+            let is_scan = |next: &anyhow::Result<_>, _: &_| matches!(next, Ok(Next::Scan));
+            next(&mut live, &mut scan, is_scan).unwrap();
             (loaded, missed) = (loaded + 1, missed + scan.missed);
         }
         assert_eq!((scan.bytes.len() / 16, loaded + missed), (75 * 384, 4));

@@ -325,11 +325,8 @@ mod tests {
             topic: None,
         });
         let open: Open = |input, layout, _| {
-            let stamps = input
-                .to_str()
-                .unwrap()
-                .split(',')
-                .map(|ms| ms.parse().unwrap());
+            let stamps = input.to_str().unwrap().split(',');
+            let stamps = stamps.map(|ms| ms.parse().unwrap());
             let stamps = stamps.collect::<Vec<_>>().into_iter();
             Source::live(Stamped(stamps), layout)
         };
@@ -345,10 +342,8 @@ mod tests {
         }
         let mut source = Source::merge(&lidars, &Layout::default(), [0.0; 6], 50, open).unwrap();
         let mut missing = |sequence| {
-            assert_eq!(
-                source.load(sequence, &mut Scan::default()).unwrap(),
-                Next::Scan
-            );
+            let next = source.load(sequence, &mut Scan::default());
+            assert_eq!(next.unwrap(), Next::Scan);
             source.missing().to_string()
         };
         assert_eq!([0, 1, 2].map(&mut missing), [" 90", "", ""]);

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, Result};
 use mcap::io::MessageReader;
 use mcap::sans_io::{LinearReaderOptions, SummaryReadEvent, SummaryReader, SummaryReaderOptions};
 use mcap::{Channel, Summary};
@@ -50,16 +50,12 @@ pub(crate) struct Recording {
 }
 
 impl Recording {
-    pub(crate) fn open(path: &Path, layout: &Layout) -> anyhow::Result<Recording> {
+    pub(crate) fn open(path: &Path, layout: &Layout) -> Result<Recording> {
         let about = || format!("input {}", path.display());
         let summary = summary(path)?;
-        let (topic, channels) = choose(
-            &summary,
-            layout.topic.as_deref(),
-            |c| cloud(c).is_some(),
-            SCANS,
-        )
-        .with_context(about)?;
+        let topic = layout.topic.as_deref();
+        let chosen = choose(&summary, topic, |c| cloud(c).is_some(), SCANS);
+        let (topic, channels) = chosen.with_context(about)?;
         for found in summary.chunk_indexes.iter().map(|chunk| &chunk.compression) {
             if !["", "lz4", "zstd"].contains(&found.as_str()) {
                 let place = "compression of a chunk";
@@ -85,12 +81,7 @@ impl Recording {
     }
 
     /// Reads on to the message of a number, unless that is loaded; `repeat`: after the last one the first comes again.
-    pub(crate) fn load(
-        &mut self,
-        sequence: u64,
-        repeat: bool,
-        scan: &mut Scan,
-    ) -> anyhow::Result<Next> {
+    pub(crate) fn load(&mut self, sequence: u64, repeat: bool, scan: &mut Scan) -> Result<Next> {
         if sequence < self.sequence {
             return Ok(Next::Scan);
         }
@@ -142,7 +133,7 @@ pub struct Recorded {
 
 impl Recorded {
     /// Opens a recording; `writer` makes those that have the topic. Errors: it has none.
-    pub fn open(path: &Path, topic: &str, writer: &str) -> anyhow::Result<Recorded> {
+    pub fn open(path: &Path, topic: &str, writer: &str) -> Result<Recorded> {
         let about = || format!("input {}", path.display());
         let summary = summary(path).with_context(about)?;
         let mut names = summary.channels.values().map(|channel| &channel.topic);
@@ -161,7 +152,7 @@ impl Recorded {
     }
 
     /// The message in CDR of the `number`th cloud's frame, ascending; `None`: it has none.
-    pub fn of(&mut self, number: u64) -> anyhow::Result<Option<Vec<u8>>> {
+    pub fn of(&mut self, number: u64) -> Result<Option<Vec<u8>>> {
         while self.clouds <= number + 1 {
             let message = self.messages.next().transpose();
             let message = message.with_context(|| format!("input {}", self.path.display()))?;
@@ -263,20 +254,14 @@ fn motion(summary: &Summary, layout: &Layout) -> Result<String, SourceError> {
         return refused("deskew: axes", "x,y,z", &layout.axes);
     }
     let has = |topic: &str| {
-        summary
-            .channels
-            .values()
-            .any(|c| c.topic == topic && is_motion(c))
+        let mut channels = summary.channels.values();
+        channels.any(|c| c.topic == topic && is_motion(c))
     };
     let wanted = layout.odometry.as_deref();
     let wanted = wanted.or(has(TF[0]).then_some(TF[0]));
     let is_taken = |channel: &Channel| channel.topic != TF[1] && is_motion(channel);
-    let found = choose(
-        summary,
-        wanted,
-        is_taken,
-        ["poses", &POSES.join(", "), "--odometry"],
-    );
+    let poses = POSES.join(", ");
+    let found = choose(summary, wanted, is_taken, ["poses", &poses, "--odometry"]);
     found.map(|(topic, _)| topic)
 }
 

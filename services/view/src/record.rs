@@ -6,7 +6,7 @@ use std::io::BufWriter;
 use std::path::Path;
 use std::process::ExitCode;
 
-use anyhow::Context;
+use anyhow::{Context, Result};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
 use mluc_gateway::ros2::{encode_bytes, line_topic, stage_topic, topics};
@@ -18,18 +18,13 @@ use serde_json::json;
 /// Finished, but a frame is missing.
 const EXIT_WARNINGS: u8 = 3;
 
-pub(crate) fn record(
-    mut follower: Follower,
-    out: &Path,
-    has_stages: bool,
-) -> anyhow::Result<ExitCode> {
+pub(crate) fn record(mut follower: Follower, out: &Path, has_stages: bool) -> Result<ExitCode> {
     let about = || format!("recording to {}", out.display());
     // Nothing that is there is overwritten.
     let file = BufWriter::new(File::create_new(out).with_context(about)?);
     // lz4: the pipeline needs the processor.
-    let options = WriteOptions::new()
-        .profile("ros2")
-        .compression(Some(Compression::Lz4));
+    let options = WriteOptions::new().profile("ros2");
+    let options = options.compression(Some(Compression::Lz4));
     let mut writer = options.create(file).with_context(about)?;
     let mut channels = vec![];
     let line = line_topic();
@@ -124,8 +119,7 @@ impl<T: Payload> StageMessages<T> {
         let (run_id, sequence) = frame;
         (self.waiting).retain(|((run, number), _)| *run == run_id && *number >= sequence);
         let found = self.waiting.iter().rposition(|(key, _)| *key == frame);
-        Ok(found
-            .and_then(|at| self.waiting.remove(at))
-            .map(|(_, bytes)| bytes))
+        let kept = found.and_then(|at| self.waiting.remove(at));
+        Ok(kept.map(|(_, bytes)| bytes))
     }
 }

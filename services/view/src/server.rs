@@ -101,9 +101,8 @@ fn serve(mut stream: TcpStream, shared: &Shared) -> Result<(), Error> {
     }
     let is_local = |origin: &str| ORIGINS.iter().any(|local| origin.starts_with(local));
     let is_local = text.ends_with("\r\n\r\n") && header("origin: ").is_none_or(is_local);
-    let mut offered = header("sec-websocket-protocol: ")
-        .into_iter()
-        .flat_map(|names| names.split(", "));
+    let offered = header("sec-websocket-protocol: ").into_iter();
+    let mut offered = offered.flat_map(|names| names.split(", "));
     match offered.find_map(|name| PROTOCOLS.into_iter().find(|own| *own == name)) {
         Some(protocol) if is_local => converse(stream, shared, HeaderValue::from_static(protocol)),
         _ => {
@@ -118,9 +117,8 @@ fn converse(stream: TcpStream, shared: &Shared, protocol: HeaderValue) -> Result
     let config = config.max_frame_size(Some(REQUEST_MAX));
     #[allow(clippy::result_large_err)] // tungstenite's own type
     let greet = |_: &Request, mut response: Response| {
-        response
-            .headers_mut()
-            .insert("sec-websocket-protocol", protocol);
+        let headers = response.headers_mut();
+        headers.insert("sec-websocket-protocol", protocol);
         Ok(response)
     };
     let mut socket = match accept_hdr_with_config(stream, greet, Some(config)) {
@@ -146,11 +144,8 @@ fn converse(stream: TcpStream, shared: &Shared, protocol: HeaderValue) -> Result
             let answer = json!({"op": "status", "level": 2, "message": message});
             socket.send(Message::text(answer.to_string()))?;
         }
-        let newest = shared
-            .newest
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone();
+        let newest = shared.newest.lock();
+        let newest = newest.unwrap_or_else(PoisonError::into_inner).clone();
         let Some(moment) = newest.filter(|moment| moment.log_ns != sent_ns) else {
             continue;
         };

@@ -74,10 +74,8 @@ fn told<T>(what: &str, done: zenoh::Result<T>) -> anyhow::Result<T> {
 
 fn main() -> anyhow::Result<()> {
     let cli = Cli::parse();
-    log_to_stderr(
-        "zenoh",
-        "info,zenoh=warn,zenoh_transport=error,zenoh_link=error",
-    );
+    let filter = "info,zenoh=warn,zenoh_transport=error,zenoh_link=error";
+    log_to_stderr("zenoh", filter);
     rustix::process::nice(NICE)?;
     let mut follower = Follower::open(&cli.instance)?;
     let config = told("--connect, --listen, --config", cli.zenoh())?;

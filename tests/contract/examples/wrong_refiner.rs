@@ -148,18 +148,14 @@ impl Wrong {
             object.points_count = indices.len() as u32;
         }
         self.spoil(&mut header, &mut objects);
-        let mut loan = self.object_points.loan(&header, indices.len())?;
-        loan.elements_mut().copy_from_slice(indices);
-        loan.publish()?;
+        self.object_points.send(&header, indices)?;
         if !self.has("no_stamps") {
             header.stages[3].published_ns = monotonic_ns();
         }
         if self.has("hostile") {
             self.publish_hostile(&header)?;
         }
-        let mut loan = self.objects.loan(&header, objects.len())?;
-        loan.elements_mut().copy_from_slice(&objects);
-        loan.publish()
+        self.objects.send(&header, &objects)
     }
 
     /// Sequences that never were and that go back, messages of another run, model and version.

@@ -85,18 +85,12 @@ impl Program {
     pub(crate) fn lines(&self) -> anyhow::Result<Vec<Value>> {
         let mut text = vec![0; self.out.metadata()?.len() as usize];
         self.out.read_exact_at(&mut text, 0)?;
-        let end = text
-            .iter()
-            .rposition(|byte| *byte == b'\n')
-            .map_or(0, |at| at + 1);
+        let last = text.iter().rposition(|byte| *byte == b'\n');
+        let end = last.map_or(0, |at| at + 1);
         let lines = text[..end].split_inclusive(|byte| *byte == b'\n');
         let line = |line: &[u8]| {
-            let about = || {
-                format!(
-                    "its line is no JSON: {}",
-                    String::from_utf8_lossy(line).trim()
-                )
-            };
+            let text = String::from_utf8_lossy(line);
+            let about = || format!("its line is no JSON: {}", text.trim());
             serde_json::from_slice(line).with_context(about)
         };
         lines.map(line).collect()
@@ -193,10 +187,8 @@ impl Tested {
             }
             self.check_alive(awaited)?;
             let patience = self.options.patience;
-            ensure!(
-                begun.elapsed() <= patience,
-                "no {awaited} within {patience:?}"
-            );
+            let is_patient = begun.elapsed() <= patience;
+            ensure!(is_patient, "no {awaited} within {patience:?}");
         }
     }
 

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use clap::Args;
 use mluc::external::installed_program;
 use mluc::model::load;
@@ -12,8 +12,8 @@ use mluc::stages::describe_run;
 use mluc::terminal::print_out;
 use mluc::{EXIT_FAILURE, UsageError};
 use mluc_geometry::Random;
-use mluc_ipc_types::WIRE_VERSION;
-use mluc_runtime::{Instance, Membership, Shutdown, log_to_stderr};
+use mluc_ipc_types::{RunDescription, WIRE_VERSION};
+use mluc_runtime::{Instance, Membership, Shell, Shutdown, log_to_stderr, random_run_id};
 
 use crate::program::{Options, Program, Tested};
 use crate::report::{Report, Verdict};
@@ -73,6 +73,15 @@ fn patience(text: &str) -> Result<Duration, String> {
     Ok(Duration::from_secs_f64(seconds))
 }
 
+/// Describes a new run, whose sequences begin at 0.
+pub(crate) fn begin_run(shell: &mut Shell, run: &mut RunDescription) -> anyhow::Result<()> {
+    run.run_id = random_run_id();
+    let is_ours = shell.begin_run(run)?;
+    let others = "another process describes the run of this instance";
+    ensure!(is_ours, others);
+    Ok(())
+}
+
 /// Judges programs, each with its title.
 pub(crate) fn run<S: Suite>(
     args: &SuiteArgs,
@@ -82,9 +91,8 @@ pub(crate) fn run<S: Suite>(
     let is_unknown = |name: &&String| !names.contains(&name.as_str());
     if let Some(found) = args.cases.iter().find(is_unknown) {
         let expected = names.join(", ");
-        return Err(
-            UsageError(format!("--case: expected one of {expected}, found {found}")).into(),
-        );
+        let what = format!("--case: expected one of {expected}, found {found}");
+        return Err(UsageError(what).into());
     }
     log_to_stderr("contract", "warn");
     let (model, shutdown) = (load(&args.model)?, Shutdown::on_signals()?);
@@ -127,12 +135,11 @@ fn judge<S: Suite>(options: Options, wanted: &[String]) -> anyhow::Result<Report
         suite.tested().check_uninterrupted()?;
         let passed = result.is_ok();
         let prefix = format!("{}: ", case.name);
-        let mut asks = S::ASKS
-            .lines()
-            .filter_map(|line| line.strip_prefix(&prefix));
+        let mut asks = S::ASKS.lines();
+        let asks = asks.find_map(|line| line.strip_prefix(&prefix));
         verdicts.push(Verdict {
             name: case.name,
-            asks: asks.next().expect("a line for every case"),
+            asks: asks.expect("a line for every case"),
             passed,
             what: result.unwrap_or_else(|error| format!("{error:#}")),
             ms: begun.elapsed().as_millis() as u64,

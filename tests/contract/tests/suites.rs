@@ -86,9 +86,7 @@ fn is_found_out(kind: &str, program: &[String], faults: &str) {
     assert_eq!(found, (Some(0), &Value::from(0)), "{report:#}");
     for line in faults.lines() {
         let words: Vec<&str> = line.split(" | ").collect();
-        let [fault, case, word] = words[..] else {
-            panic!("{line}")
-        };
+        let [fault, case, word]: [&str; 3] = words.try_into().expect(line);
         let (code, report) = of(fault, &["--case", case, "--patience-s", "4"]);
         let found = &report["cases"][0];
         let what = found["what"].as_str().unwrap_or_default();
@@ -102,9 +100,8 @@ fn is_found_out(kind: &str, program: &[String], faults: &str) {
 
 #[test]
 fn a_refiner_with_a_fault_is_found_out() {
-    let program = built_program("examples/wrong_refiner")
-        .display()
-        .to_string();
+    let program = built_program("examples/wrong_refiner");
+    let program = program.display().to_string();
     is_found_out("refiner", &[program], include_str!("faults_refiner.txt"));
 }
 

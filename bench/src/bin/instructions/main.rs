@@ -29,10 +29,8 @@ fn instructions_mark(part: String, parts: &mut Vec<String>) {
 
 fn main() -> Result<()> {
     // The calling thread is the pool, so that every instruction is counted in one place.
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(1)
-        .use_current_thread()
-        .build_global()?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1);
+    pool.use_current_thread().build_global()?;
     let (manifest, weights) = model();
     let points = scene::points();
     let weights = measure_ranges(&manifest, &weights, [Ok::<_, TrainError>(points.clone())])?;

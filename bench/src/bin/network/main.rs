@@ -51,9 +51,8 @@ fn main() -> Result<()> {
     let arguments = Arguments::parse();
     if let Some(name) = &arguments.level {
         let level = Level::all().into_iter().find(|level| level.name() == name);
-        level
-            .with_context(|| format!("this processor has no registers `{name}`"))?
-            .restrict();
+        let unknown = || format!("this processor has no registers `{name}`");
+        level.with_context(unknown)?.restrict();
     }
     let (manifest, mut weights) = model(&arguments)?;
     let mut record = report::Record::default();

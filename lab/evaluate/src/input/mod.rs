@@ -223,10 +223,8 @@ mod tests {
         let file = File::create(images.join("0.png")).expect("a file");
         let mut writer = png::Encoder::new(file, 7, 5);
         writer.set_color(png::ColorType::Grayscale);
-        let written = writer
-            .write_header()
-            .and_then(|mut w| w.write_image_data(&[0; 35]));
-        written.expect("an image");
+        let mut writer = writer.write_header().expect("a header");
+        writer.write_image_data(&[0; 35]).expect("an image");
         let size = image_size_beside(&labels, "0").expect("an image");
         assert_eq!((size.width_px, size.height_px), (7, 5));
         std::fs::write(images.join("1.png"), [0; 100]).expect("written");

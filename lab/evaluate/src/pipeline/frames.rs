@@ -131,10 +131,8 @@ mod tests {
             3 => [1.0, f32::NAN, 0.0, 0.0],
             _ => [i as f32, -1.0, 0.5, 0.25],
         };
-        let bytes: Vec<u8> = (0..POINTS_MAX * 3 / 2)
-            .flat_map(point)
-            .flat_map(f32::to_le_bytes)
-            .collect();
+        let values = (0..POINTS_MAX * 3 / 2).flat_map(point);
+        let bytes: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
         std::fs::write(folder.path().join("0.bin"), &bytes).expect("written");
         let dataset = Dataset::open(folder.path()).expect("a scan");
         let mut expected = vec![Point::default(); POINTS_MAX];

@@ -126,11 +126,8 @@ impl ModelGate {
         if is_generic && !is_unknown {
             return None;
         }
-        let kind = if is_unknown {
-            DetectionKind::Candidate
-        } else {
-            DetectionKind::Known
-        };
+        let kinds = [DetectionKind::Known, DetectionKind::Candidate];
+        let kind = kinds[usize::from(is_unknown)];
         let eds = match self {
             // The paper's refiner ranks by 1 / EDS: there the box carries this gate's rank.
             ModelGate::Softmax => 1.0 / self.rank(detection).max(1e-6),
@@ -167,11 +164,8 @@ impl ModelGate {
 
 /// Exact, both ways, for thresholds that are one minus a probability of a half or more.
 fn unknown_min(threshold: f32) -> f32 {
-    if threshold > 0.0 {
-        1.0 - threshold
-    } else {
-        0.0
-    }
+    let least = 1.0 - threshold;
+    if threshold > 0.0 { least } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -64,12 +64,8 @@ pub fn judge(
     let objects = objects_at(model, gate, set, frames, settings, asked, &|| ())?;
     let [closed, gated] = [0, 1].map(|at| objects.labelled(frames, at));
     let rings_of = |index: usize| {
-        let calibration = &frames[index].truth.calibration;
-        Ok(FrameRings::of(
-            &gated[index],
-            calibration,
-            &set.points(index)?,
-        ))
+        let (calibration, points) = (&frames[index].truth.calibration, set.points(index)?);
+        Ok(FrameRings::of(&gated[index], calibration, &points))
     };
     let rings: Result<Vec<_>> = (0..frames.len()).into_par_iter().map(rings_of).collect();
     Ok(ModelJudgement {
@@ -139,9 +135,8 @@ pub fn choose_threshold(
         ("ap_unknown", point.ap_unknown),
         ("map_harm", point.map_harm()),
     ];
-    let mut metrics = figures
-        .map(|(name, value)| (name.to_owned(), value))
-        .to_vec();
+    let named = figures.map(|(name, value)| (name.to_owned(), value));
+    let mut metrics = named.to_vec();
     let of_class = |c: &ClassReport| (format!("ap_closed_{}", c.rule.name), c.main().ap.r40);
     metrics.extend(judgement.closed.known().map(of_class));
     Ok(Choice {

@@ -75,19 +75,13 @@ mod tests {
             f
         };
         // Class a scatters by 2 along x, class b likewise, both not at all along y.
-        let known = [
-            ("a", at(-2.0, 0.0)),
-            ("a", at(2.0, 0.0)),
-            ("b", at(8.0, 3.0)),
-            ("b", at(12.0, 3.0)),
-        ];
-        let fit = ClassFit::of(known.into_iter());
+        let a = [-2.0, 2.0].map(|x| ("a", at(x, 0.0)));
+        let b = [8.0, 12.0].map(|x| ("b", at(x, 3.0)));
+        let fit = ClassFit::of(a.into_iter().chain(b));
         let [along, across] = [fit.distance(&at(1.0, 0.0)), fit.distance(&at(0.0, 1.0))];
         assert!((along - 1.0 / 4.01).abs() < 1e-9 && (across - 1.0 / 0.01).abs() < 1e-6);
         assert!(fit.distance(&at(10.0, 3.0)) < 1e-12);
-        assert_eq!(
-            ClassFit::of(std::iter::empty()).distance(&at(0.0, 0.0)),
-            f64::INFINITY
-        );
+        let none = ClassFit::of(std::iter::empty());
+        assert_eq!(none.distance(&at(0.0, 0.0)), f64::INFINITY);
     }
 }

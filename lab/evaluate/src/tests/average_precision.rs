@@ -57,10 +57,8 @@ fn ap_with(label: Option<&Label>, detection: Label, rule: &ClassRule, metric: Me
 }
 
 fn close(found: f64, expected: f64) {
-    assert!(
-        (found - expected).abs() < 0.01,
-        "expected {expected}, found {found}"
-    );
+    let is_close = (found - expected).abs() < 0.01;
+    assert!(is_close, "expected {expected}, found {found}");
 }
 
 /// `count` cars, each in a frame of its own and found.
@@ -248,14 +246,10 @@ fn the_fair_protocol_counts_neither_trams_nor_what_lies_where_nobody_labelled() 
     let mut half = object("", 3);
     half.image_box_px = region.image_box_px.map(|edge| edge + 25.0);
     let wall = object("", 4);
-    let places = [
-        (&tram, 0.9),
-        (&region, 0.8),
-        (&half, 0.7),
-        (&wall, 0.6),
-        (&van, 0.5),
-    ];
+    let places = [&tram, &region, &half, &wall, &van].into_iter();
+    let places = places.zip([0.9, 0.8, 0.7, 0.6, 0.5]);
     let detections = places.map(|(label, score)| found(label, "unknown", score));
+    let detections: Vec<Label> = detections.collect();
     for (protocol, false_before_the_van) in [
         (UnknownProtocol::Literal, 4.0),
         // A quarter of the half one lies in the region: it is wrong, and so is the wall.

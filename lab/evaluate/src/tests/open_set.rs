@@ -230,10 +230,8 @@ fn opening_the_gate_gives_knowns_away_for_unknowns() {
         assert!(pair[1].recall_unknown >= pair[0].recall_unknown);
     }
     let best = points[best_index(&points)];
-    assert!(
-        best.map_known >= 90.0 && best.recall_unknown > 40.0,
-        "{best:?}"
-    );
+    let is_fair = best.map_known >= 90.0 && best.recall_unknown > 40.0;
+    assert!(is_fair, "{best:?}");
     assert!(best.map_harm() > 0.0);
     assert!(points.iter().any(|p| p.map_known < 90.0));
     assert_eq!(points, scene.sweep(&thresholds));

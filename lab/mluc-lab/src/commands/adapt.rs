@@ -6,7 +6,7 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, Result};
 use clap::Args;
 use mluc_backbone::Precision;
 use mluc_dataset::Dataset;
@@ -40,12 +40,8 @@ pub(crate) struct AdaptArguments {
     #[arg(long, value_name = "NAME|FILE")]
     sensor: String,
     /// The classes to know: car, van, truck, pedestrian, cyclist, golf_cart, forklift; all others are unknown.
-    #[arg(
-        long,
-        value_delimiter = ',',
-        default_value = "car,pedestrian,cyclist",
-        value_name = "CLASS,.."
-    )]
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
+    #[arg(default_value = "car,pedestrian,cyclist")]
     known: Vec<Class>,
     /// Hours that all of it may take on this machine.
     #[arg(long, default_value_t = 1.0, value_parser = hours, value_name = "HOURS")]
@@ -65,7 +61,7 @@ fn hours(text: &str) -> Result<f64, String> {
     hours.ok_or_else(|| format!("expected more than 0 and at most 1000, found '{text}'"))
 }
 
-pub(crate) fn run(arguments: AdaptArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: AdaptArguments) -> Result<()> {
     tune_memory();
     arguments.threads.start()?;
     let out = &arguments.out;
@@ -98,11 +94,8 @@ pub(crate) fn run(arguments: AdaptArguments) -> anyhow::Result<()> {
     let path = out.join("report.md");
     write_whole(&path, text.as_bytes()).with_context(|| path.display().to_string())?;
     print_out(text)?;
-    print_out(format_args!(
-        "{}\n{}",
-        path.display(),
-        place.model().display()
-    ))
+    let model = place.model();
+    print_out(format_args!("{}\n{}", path.display(), model.display()))
 }
 
 /// A class as a model names it.
@@ -128,34 +121,30 @@ impl Adaptation<'_> {
         self.out.join("scans").join(split.name())
     }
 
-    fn simulate(&self) -> anyhow::Result<()> {
+    fn simulate(&self) -> Result<()> {
         print_err("step 1 of 4: simulate");
-        for (split, scans) in [
-            (Split::Train, self.plan.scans),
-            (Split::Val, self.plan.val_scans),
-        ] {
+        let counts = [self.plan.scans, self.plan.val_scans];
+        for (split, scans) in [Split::Train, Split::Val].into_iter().zip(counts) {
             let options = self.plan.request.export(split, scans, self.scans(split));
             export_with_progress(&options)?;
         }
         Ok(())
     }
 
-    fn train(&self) -> anyhow::Result<()> {
+    fn train(&self) -> Result<()> {
         print_err("step 3 of 4: train");
+        let (request, scans) = (&self.plan.request, self.out.join("scans"));
         let settings = TrainSettings {
             steps: self.plan.steps,
             // Both are done here, once.
             validate_frames: 0,
-            ..self
-                .plan
-                .request
-                .settings(&self.out.join("scans"), &self.run_folder(), self.out)
+            ..request.settings(&scans, &self.run_folder(), self.out)
         };
         train(&settings).map(drop)
     }
 
     /// The model of the run with its int8 ranges and its threshold.
-    fn finish_model(&self) -> anyhow::Result<()> {
+    fn finish_model(&self) -> Result<()> {
         print_err("step 4 of 4: int8 ranges, threshold, figures");
         let (trained, path) = (self.run_folder().join("model.safetensors"), self.model());
         let is_done = Model::read(&path).is_ok_and(|model| {
@@ -184,15 +173,9 @@ impl Adaptation<'_> {
         write_whole(&path, &bytes).with_context(|| path.display().to_string())?;
         if judgement.unknown_labels() > 0 {
             let model = Model::read(&path)?;
+            let (rules, settings) = (&judgement.rules, Settings::default());
             let sweep = counted("thresholds", set.names().len(), |step| {
-                sweep_gate(
-                    &model,
-                    &set,
-                    &frames,
-                    &judgement.rules,
-                    &Settings::default(),
-                    step,
-                )
+                sweep_gate(&model, &set, &frames, rules, &settings, step)
             })?;
             let variant = Variant::default().name();
             let data = set.describe();
@@ -212,21 +195,15 @@ impl Adaptation<'_> {
 
     /// What neither a model nor this adaptation knows.
     fn unknown(&self, model: &Model) -> Vec<String> {
-        let known = [
-            model.manifest.class_names(),
-            self.plan.request.known.clone(),
-        ]
-        .concat();
+        let mut known = model.manifest.class_names();
+        known.extend(self.plan.request.known.clone());
         let mut unknown = Class::REAL.map(lower).to_vec();
         unknown.retain(|name| !known.contains(name));
         unknown
     }
 
     /// A model's detections on the validation scans, and how good they are.
-    fn judge(
-        &self,
-        model: &Model,
-    ) -> anyhow::Result<(FrameSet, Vec<DetectedFrame>, ModelJudgement)> {
+    fn judge(&self, model: &Model) -> Result<(FrameSet, Vec<DetectedFrame>, ModelJudgement)> {
         let set = FrameSet::open(&self.scans(Split::Val), None, self.plan.val_scans as usize)?;
         let frames = counted("network", set.names().len(), |step| {
             detect_frames(Precision::default(), model, &set, step)
@@ -237,7 +214,7 @@ impl Adaptation<'_> {
     }
 
     /// The figures of a model file, from `NAME.json` where they are there for this very file.
-    fn judged(&self, name: &str, path: &Path) -> anyhow::Result<report::Figures> {
+    fn judged(&self, name: &str, path: &Path) -> Result<report::Figures> {
         if name == "before" {
             print_err("step 2 of 4: judge the model that training begins with");
         }

@@ -26,12 +26,8 @@ pub(crate) struct ImportArguments {
     #[arg(long, default_value = "kitti")]
     name: String,
     /// Classes in the order of the checkpoint's configuration.
-    #[arg(
-        long,
-        value_delimiter = ',',
-        default_value = "car,pedestrian,cyclist",
-        value_name = "CLASS,.."
-    )]
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
+    #[arg(default_value = "car,pedestrian,cyclist")]
     classes: Vec<String>,
     /// Anchor of a class, m; bottom is its z in the sensor frame. Those of OpenPCDet's KITTI configurations are known.
     #[arg(long, value_parser = anchor, value_name = "CLASS=LENGTH,WIDTH,HEIGHT,BOTTOM")]

@@ -62,10 +62,8 @@ impl RenderArguments {
                 step();
                 picture
             };
-            scans
-                .par_iter()
-                .map(one)
-                .collect::<anyhow::Result<Vec<_>>>()
+            let pictures = scans.par_iter().map(one);
+            pictures.collect::<anyhow::Result<Vec<_>>>()
         };
         let pictures = counted("drawing", scans.len(), drawn)?;
         Ok(match self.animate {
@@ -113,19 +111,16 @@ impl RenderArguments {
         is_one_of_many: bool,
     ) -> anyhow::Result<Canvas> {
         let (points, title) = (read_scan(scan)?, stem(scan));
-        let found = found
-            .get(&title)
-            .into_iter()
-            .flatten()
-            .map(|found| DrawnBox {
-                box_in_sensor: found.box_in_sensor,
-                kind: match found.kind {
-                    ObjectKind::Known => BoxKind::Known,
-                    ObjectKind::Unknown => BoxKind::Unknown,
-                },
-                label: found.class.clone(),
-                caption: format!("{} {:.2}", found.class, found.score),
-            });
+        let found = found.get(&title).into_iter().flatten();
+        let found = found.map(|found| DrawnBox {
+            box_in_sensor: found.box_in_sensor,
+            kind: match found.kind {
+                ObjectKind::Known => BoxKind::Known,
+                ObjectKind::Unknown => BoxKind::Unknown,
+            },
+            label: found.class.clone(),
+            caption: format!("{} {:.2}", found.class, found.score),
+        });
         let mut boxes = self.labelled_boxes(scan)?;
         boxes.extend(found);
         let size = usize::from(is_one_of_many);
@@ -146,10 +141,8 @@ impl RenderArguments {
             return Ok(Vec::new());
         };
         let Some(calibration) = given_or_beside(scan, &self.calib, "calib") else {
-            bail!(
-                "{}: labels need a calibration: give --calib",
-                path.display()
-            );
+            let path = path.display();
+            bail!("{path}: labels need a calibration: give --calib");
         };
         let boxes = read_boxes(&path, &calibration)?.into_iter();
         let drawn = boxes.map(|(label, box_in_sensor)| DrawnBox {
@@ -202,12 +195,9 @@ mod tests {
     fn labels_and_what_was_found_are_drawn_and_a_folder_is_a_sheet_or_an_animation() {
         let folder = tempfile::tempdir().expect("a folder");
         let at = |name: &str| folder.path().join(name);
-        let point = [[20.0f32, 15.0, -1.0, 0.0]];
+        let point: [f32; 4] = [20.0, 15.0, -1.0, 0.0];
         for name in ["0.bin", "1.bin"] {
-            write_file(
-                &at("scans").join(name),
-                bytemuck::cast_slice::<_, u8>(&point),
-            );
+            write_file(&at("scans").join(name), bytemuck::bytes_of(&point));
         }
         let car = "Car 0 0 0 0 0 100 100 1.5 1.6 4 0 1.7 20 -1.5708\n";
         write_file(&at("l.txt"), car);
@@ -238,14 +228,9 @@ mod tests {
             let mut places = columns.flat_map(|x| (460..550).map(move |y| (x, y)));
             places.any(|(x, y)| canvas.pixel(x, y) != plain.pixel(x, y))
         };
-        assert_eq!(
-            [380..420, 480..500].map(|columns| differs(&labelled, columns)),
-            [true, false]
-        );
-        assert_eq!(
-            [380..420, 480..500].map(|columns| differs(&found, columns)),
-            [false, true]
-        );
+        let places = |canvas| [380..420, 480..500].map(|columns| differs(canvas, columns));
+        assert_eq!(places(&labelled), [true, false]);
+        assert_eq!(places(&found), [false, true]);
 
         let size = |png: &[u8]| {
             [16, 20].map(|at| u32::from_be_bytes(png[at..at + 4].try_into().expect("4")))
@@ -259,10 +244,8 @@ mod tests {
         assert!(animation.windows(4).any(|word| word == b"acTL"));
         let error = arguments("scans", "", "other.jsonl").picture();
         let error = error.expect_err("no frame is a scan's").to_string();
-        assert!(
-            error.contains("expected '0'") && error.contains("found '7'"),
-            "{error}"
-        );
+        let names_both = error.contains("expected '0'") && error.contains("found '7'");
+        assert!(names_both, "{error}");
         assert!(arguments("none.bin", "", "").picture().is_err());
     }
 }

@@ -42,8 +42,6 @@ pub(crate) fn run(arguments: ScoreClustersArguments) -> anyhow::Result<()> {
         fit_to_proposals(&model, &set, arguments.seed, step)
     })?;
     scorer.write(&mut model.weights);
-    write_out(
-        &arguments.out,
-        &model_bytes(&model.manifest, &model.weights)?,
-    )
+    let bytes = model_bytes(&model.manifest, &model.weights)?;
+    write_out(&arguments.out, &bytes)
 }

@@ -17,13 +17,8 @@ pub(crate) struct SimulateArguments {
     /// Leave out steps that bring simulated scans closer to recorded ones, to measure what they are worth (comma separated): rings (uneven beams, phases, two
     /// origins), noise, drop (lost returns, rays through windows), sizes (every object of a class at its mean size, exact labels), confusers (things of a car's
     /// size that are none). Not for training a model that is to be used.
-    #[arg(
-        long,
-        value_parser = one_of(&Step::ALL, Step::name),
-        value_delimiter = ',',
-        value_name = "STEP,..",
-        hide_possible_values = true
-    )]
+    #[arg(long, value_parser = one_of(&Step::ALL, Step::name), hide_possible_values = true)]
+    #[arg(value_delimiter = ',', value_name = "STEP,..")]
     without: Vec<Step>,
     #[command(flatten)]
     threads: Threads,

@@ -25,9 +25,8 @@ pub(super) fn commit() -> String {
     let output = git.args(["rev-parse", "--short=12", "HEAD"]).output();
     let output = output.ok().filter(|output| output.status.success());
     let text = output.and_then(|output| String::from_utf8(output.stdout).ok());
-    let commit = text
-        .map(|text| text.trim().to_owned())
-        .filter(|text| !text.is_empty());
+    let commit = text.map(|text| text.trim().to_owned());
+    let commit = commit.filter(|text| !text.is_empty());
     commit.unwrap_or_else(|| "unknown".into())
 }
 
@@ -42,10 +41,8 @@ const MEMORY: [(&str, &str); 3] = [
 /// Starts this program anew with [`MEMORY`], which the allocator reads at the start alone. Whoever sets one of them is left alone;
 /// another allocator does not look at them.
 pub(super) fn tune_memory() {
-    if MEMORY
-        .iter()
-        .any(|(name, _)| std::env::var_os(name).is_some())
-    {
+    let is_set = |(name, _): &(&str, &str)| std::env::var_os(name).is_some();
+    if MEMORY.iter().any(is_set) {
         return;
     }
     let Ok(program) = std::env::current_exe() else {
@@ -91,9 +88,8 @@ fn show(screen: &Progress, p: &TrainProgress) {
     let mut losses = p.losses;
     let named = losses.named_mut();
     let used = named.iter().filter(|(_, value)| **value != 0.0);
-    let parts: Vec<String> = used
-        .map(|(name, value)| format!("{name} {value:.3}"))
-        .collect();
+    let parts = used.map(|(name, value)| format!("{name} {value:.3}"));
+    let parts: Vec<String> = parts.collect();
     let text = format!(
         "loss {:.3} ({}), {:.2} frames/s, {:.0} min left",
         p.loss,
@@ -101,10 +97,8 @@ fn show(screen: &Progress, p: &TrainProgress) {
         p.frames_per_s,
         p.left_s / 60.0
     );
-    screen.line(
-        p.step == p.steps,
-        format_args!("step {}/{}: {text}", p.step, p.steps),
-    );
+    let line = format!("step {}/{}: {text}", p.step, p.steps);
+    screen.line(p.step == p.steps, line);
     screen.bar.set_position(p.step);
     screen.bar.set_message(text);
 }

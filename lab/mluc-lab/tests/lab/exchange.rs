@@ -130,39 +130,24 @@ fn what_is_missing_or_too_much_or_of_another_shape_is_named() -> Fallible {
         data: vec![0.0; count],
     };
     let first = "backbone_3d.conv_input.0.weight";
-    type Change<'a> = &'a dyn Fn(&mut Entries);
-    let cases: [(Change, &str); 5] = [
-        (
-            &|entries| drop(entries.remove("dense_head.conv_dir_cls.bias")),
-            "`dense_head.conv_dir_cls.bias` of shape [12]",
-        ),
-        (
-            &|entries| drop(entries.insert("point_head.weight".into(), zeros(1))),
-            "`point_head.weight`",
-        ),
-        (
-            &|entries| drop(entries.insert("dense_head.conv_cls.bias".into(), zeros(6))),
-            "expected shape [18], found [6]",
-        ),
-        (
-            // As spconv 1 has it: no layout fits all layers.
-            &|entries| {
-                entries
-                    .get_mut(first)
-                    .expect("a tensor")
-                    .shape
-                    .rotate_left(1)
-            },
-            "every sparse layer in the same of these orders",
-        ),
-        (
-            &|entries| entries.get_mut(first).expect("a tensor").data[5] = f32::NAN,
-            "element 5",
-        ),
+    let [mut turned, mut broken] = [(); 2].map(|()| whole[first].clone());
+    turned.shape.rotate_left(1);
+    broken.data[5] = f32::NAN;
+    let (direction, class) = ("dense_head.conv_dir_cls.bias", "dense_head.conv_cls.bias");
+    let missing = "`dense_head.conv_dir_cls.bias` of shape [12]";
+    let no_order = "every sparse layer in the same of these orders";
+    let cases = [
+        (direction, None, missing),
+        ("point_head.weight", Some(zeros(1)), "`point_head.weight`"),
+        (class, Some(zeros(6)), "expected shape [18], found [6]"),
+        // As spconv 1 has it: no layout fits all layers.
+        (first, Some(turned), no_order),
+        (first, Some(broken), "element 5"),
     ];
-    for (change, words) in cases {
+    for (name, tensor, words) in cases {
         let mut changed = whole.clone();
-        change(&mut changed);
+        changed.remove(name);
+        changed.extend(tensor.map(|tensor| (name.into(), tensor)));
         let error = refused(&file(&changed));
         assert!(error.contains(words), "{error}");
     }
@@ -209,9 +194,7 @@ fn a_file_of_pytorch_is_sent_to_the_tool() {
     ] {
         folder.write("second.pth", head);
         let words = ["second.pth", "tools/checkpoint_to_safetensors.py"];
-        folder.refuses(
-            "import --checkpoint second.pth --out never.safetensors",
-            &words,
-        );
+        let import = "import --checkpoint second.pth --out never.safetensors";
+        folder.refuses(import, &words);
     }
 }

@@ -57,19 +57,13 @@ fn wrong_data_is_named_before_anything_is_trained() {
     let class = "000001.txt, line|field type: expected one of Car, Van|found 'Carr'";
     let size = "000001.txt, line 1, field height|found '-1.5'";
     let cut = "000003.bin: expected a multiple of 16 bytes";
+    let calib = "data/train/calib/000002.txt";
+    let scan = "data/train/velodyne/000003.bin";
     let cases: [(&str, Change, &str); 4] = [
         (label, &misspelt, class),
         (label, &negative, size),
-        (
-            "data/train/calib/000002.txt",
-            &|_| b"P2: 1 2 3\n".into(),
-            "000002.txt, line 1",
-        ),
-        (
-            "data/train/velodyne/000003.bin",
-            &|bytes| bytes[..bytes.len() - 7].into(),
-            cut,
-        ),
+        (calib, &|_| b"P2: 1 2 3\n".into(), "000002.txt, line 1"),
+        (scan, &|bytes| bytes[..bytes.len() - 7].into(), cut),
     ];
     for (file, change, words) in cases {
         let words: Vec<&str> = words.split('|').collect();

@@ -84,9 +84,8 @@ mod tests {
         assert!(cluster(&points, &plain, 9).is_empty());
         assert!(cluster(&[], &[], 1).is_empty());
         // Two halves of the first line that are told apart by their embedding.
-        let apart: Vec<&[f32]> = (0..points.len())
-            .map(|i| if i < 4 { &[0.0] } else { &[2.0f32] as &[f32] })
-            .collect();
+        let embedding: fn(usize) -> &'static [f32] = |i| if i < 4 { &[0.0] } else { &[2.0] };
+        let apart: Vec<&[f32]> = (0..points.len()).map(embedding).collect();
         let halves = [(0..4).collect::<Vec<_>>(), (4..8).collect()];
         assert_eq!(cluster(&points, &apart, 3)[..2], halves);
     }

@@ -48,11 +48,7 @@ pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
         frame
     };
     let frames: Vec<DetectedFrame> = input.frames.iter().map(prepare).collect();
-    let variant = if refine {
-        Variant::RangeScaled
-    } else {
-        Variant::None
-    };
+    let variant = [Variant::None, Variant::RangeScaled][usize::from(refine)];
     let settings = Settings {
         variant,
         study: Study {

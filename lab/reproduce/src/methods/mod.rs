@@ -66,9 +66,8 @@ impl<'a> MethodInput<'a> {
         settings: &Settings,
     ) -> Result<GatedObjects> {
         let thresholds = self.thresholds(gate, frames, THRESHOLDS);
-        objects_at(
-            model, gate, self.set, frames, settings, thresholds, self.step,
-        )
+        let (set, step) = (self.set, self.step);
+        objects_at(model, gate, set, frames, settings, thresholds, step)
     }
 }
 

@@ -43,9 +43,8 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
             embedder.embed(&points, &mut standing)?;
         }
         let at = |threshold: &f64| {
-            let boxes = detections
-                .iter()
-                .filter(|d| f64::from(d.softmax_max) >= *threshold);
+            let boxes = detections.iter();
+            let boxes = boxes.filter(|d| f64::from(d.softmax_max) >= *threshold);
             let known = boxes.map(|d| SensorDetection::of_box(d, &classes));
             let mut objects: Vec<SensorDetection> = known.collect();
             if *threshold > 0.0 {
@@ -57,9 +56,8 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
         Ok(thresholds.iter().map(at).collect())
     };
     let frames = (0..input.frames.len()).into_par_iter();
-    let objects: Result<Vec<_>> = frames
-        .map_init(|| GroundGrid::new(height_m), one_frame)
-        .collect();
+    let objects = frames.map_init(|| GroundGrid::new(height_m), one_frame);
+    let objects: Result<Vec<_>> = objects.collect();
     Ok(GatedObjects {
         objects: objects?,
         thresholds,

@@ -15,7 +15,7 @@ const CATALOGUE: [(Thing, Builder, [f32; 2]); 6] = [
 ];
 
 /// One to five per frame in three frames of four, within 15 m of the road.
-pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
+pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     if !dice.chance(0.78) {
         return;
     }

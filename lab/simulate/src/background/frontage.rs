@@ -8,7 +8,7 @@ use super::vegetation::{bush, thicket};
 use super::{Family, Place, Thing, Yard, built};
 
 /// Walks along each side in pieces of 7 to 24 m.
-pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
+pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     let [low, high] = yard.along_m();
     for side in [-1.0f32, 1.0] {
         let mut along = low - dice.range(0.0, 8.0);
@@ -34,14 +34,7 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
 type PieceBuilder = fn(&mut Mesh, f32, &mut Dice);
 
 /// One piece of a frontage: its middle and length along the road, and how far houses stand back.
-fn piece(
-    yard: &mut Yard<'_, '_>,
-    side: f32,
-    along: f32,
-    length: f32,
-    setback: f32,
-    dice: &mut Dice,
-) {
+fn piece(yard: &mut Yard, side: f32, along: f32, length: f32, setback: f32, dice: &mut Dice) {
     // Houses, wall, fence, hedge, thicket, open.
     let weights = match yard.ground.place {
         Place::Urban => [0.5, 0.08, 0.07, 0.08, 0.19, 0.08],
@@ -88,7 +81,7 @@ fn piece(
     }
 }
 
-fn back_house(yard: &mut Yard<'_, '_>, side: f32, along: f32, dice: &mut Dice) {
+fn back_house(yard: &mut Yard, side: f32, along: f32, dice: &mut Dice) {
     let size = [dice.range(8.0, 20.0), dice.range(6.0, 12.0)];
     let mesh = built(|mesh, dice| house(mesh, size, false, dice), dice);
     let across = side * (yard.ground.edge_m + dice.range(8.0, 28.0));

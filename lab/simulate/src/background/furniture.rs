@@ -21,7 +21,7 @@ const CATALOGUE: [(Thing, Builder, [f32; 2]); 10] = [
 ];
 
 /// Places the catalogue.
-pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
+pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     for (thing, build, rates) in CATALOGUE {
         for _ in 0..dice.events(rates[yard.column()] * yard.hundreds()) {
             let mesh = built(build, dice);

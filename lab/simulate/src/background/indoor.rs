@@ -15,7 +15,7 @@ const RACKS_MAX: usize = 70;
 const RACK_M: [f32; 2] = [2.7, 1.1];
 
 /// The building, and what stands in it.
-pub(super) fn place(yard: &mut Yard<'_, '_>, room: &Room, dice: &mut Dice) {
+pub(super) fn place(yard: &mut Yard, room: &Room, dice: &mut Dice) {
     let is_hall = yard.ground.place == Place::Hall;
     shell(yard, room, is_hall, dice);
     if !is_hall {
@@ -44,7 +44,7 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, room: &Room, dice: &mut Dice) {
 }
 
 /// Four walls and a ceiling with beams.
-fn shell(yard: &mut Yard<'_, '_>, room: &Room, is_hall: bool, dice: &mut Dice) {
+fn shell(yard: &mut Yard, room: &Room, is_hall: bool, dice: &mut Dice) {
     let [low, high] = room.along_m;
     let (half, middle) = (room.half_width_m, (low + high) / 2.0);
     let paint = solid(dice.range(0.3, 0.65));
@@ -116,7 +116,7 @@ fn wall(
 
 /// Columns from floor to ceiling on a grid.
 fn columns(
-    yard: &mut Yard<'_, '_>,
+    yard: &mut Yard,
     room: &Room,
     [along_m, across_m]: [f32; 2],
     first_m: f32,
@@ -141,7 +141,7 @@ fn columns(
 }
 
 /// Rows of racks with free lanes.
-fn racks(yard: &mut Yard<'_, '_>, room: &Room, dice: &mut Dice) {
+fn racks(yard: &mut Yard, room: &Room, dice: &mut Dice) {
     let lane_m = dice.range(2.6, 4.5);
     let pitch_m = 2.0 * RACK_M[1] + 0.15 + lane_m;
     let levels = ((room.height_m - 1.0) / 1.6).floor().clamp(1.0, 5.0) as usize;
@@ -216,13 +216,7 @@ pub(super) fn machine(mesh: &mut Mesh, dice: &mut Dice) {
 }
 
 /// So many of these things, anywhere on the floor; a third along the walls.
-fn scatter(
-    yard: &mut Yard<'_, '_>,
-    room: &Room,
-    things: &[(Thing, Builder)],
-    mean: f32,
-    dice: &mut Dice,
-) {
+fn scatter(yard: &mut Yard, room: &Room, things: &[(Thing, Builder)], mean: f32, dice: &mut Dice) {
     for _ in 0..dice.events(mean.min(25.0)) {
         let (thing, build) = things[dice.whole(0, things.len() - 1)];
         let mesh = built(build, dice);

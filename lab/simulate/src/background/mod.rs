@@ -179,11 +179,8 @@ impl Yard<'_, '_> {
         let foot = ground.height(at[0], at[1]);
         self.scene.add(mesh, thing.instance(), |p: V3| {
             let (x, y) = (at[0] + p.x * cos - p.y * sin, at[1] + p.x * sin + p.y * cos);
-            let z = if follows_ground {
-                ground.height(x, y)
-            } else {
-                foot
-            };
+            let height = ground.height(x, y);
+            let z = if follows_ground { height } else { foot };
             v(x, y, z + p.z)
         });
     }

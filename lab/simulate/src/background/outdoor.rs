@@ -11,7 +11,7 @@ use super::{Builder, Thing, Yard, built};
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Lamp posts, low islands and trees between the rows; roofs for trolleys.
-pub(super) fn car_park(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
+pub(super) fn car_park(yard: &mut Yard, dice: &mut Dice) {
     let half = yard.ground.half_width_m;
     let spacing_m = dice.range(12.0, 30.0);
     let has_trees = dice.chance(0.4);
@@ -44,7 +44,7 @@ pub(super) fn car_park(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
 }
 
 /// Containers in stacks, pallets, machines, tanks and piles, leaving the middle free.
-pub(super) fn depot(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
+pub(super) fn depot(yard: &mut Yard, dice: &mut Dice) {
     let things: [(Thing, Builder); 6] = [
         (Thing::Container, stack),
         (Thing::Pallets, pallets),
@@ -89,7 +89,7 @@ fn pile(mesh: &mut Mesh, dice: &mut Dice) {
 }
 
 /// Trunks, bushes, tall grass, rocks and logs on both sides of a path, thinner with distance; now and then a bench or a sign at it.
-pub(super) fn path(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
+pub(super) fn path(yard: &mut Yard, dice: &mut Dice) {
     let density = dice.range(0.3, 1.0);
     for _ in 0..dice.events(55.0 * density) {
         let (along, across) = beside_path(yard, 0.6, dice);
@@ -126,7 +126,7 @@ pub(super) fn path(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
 }
 
 /// Along and across, at least this far from the path's edge.
-fn beside_path(yard: &Yard<'_, '_>, gap_m: f32, dice: &mut Dice) -> (f32, f32) {
+fn beside_path(yard: &Yard, gap_m: f32, dice: &mut Dice) -> (f32, f32) {
     let away = gap_m + 38.0 * dice.unit().powi(2);
     let along = yard.somewhere(dice);
     (along, dice.sign() * (yard.ground.edge_m + away))

@@ -9,7 +9,7 @@ use super::{Thing, Yard, built};
 use std::f32::consts::{FRAC_PI_2, TAU};
 
 /// What stands nearer to the road than its frontage, and long lines behind it.
-pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
+pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     for side in [-1.0, 1.0] {
         if dice.chance(0.2) {
             let across = side * (yard.ground.half_width_m + dice.range(0.3, 1.0));
@@ -33,7 +33,7 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
 }
 
 /// Pieces of 6 m that follow the ground: a guard rail, a plain wall or a fence.
-fn line(yard: &mut Yard<'_, '_>, kind: Thing, across: f32, dice: &mut Dice) {
+fn line(yard: &mut Yard, kind: Thing, across: f32, dice: &mut Dice) {
     let [low, high] = yard.along_m();
     let start = dice.range(low, high - 20.0);
     let end = (start + dice.range(18.0, 90.0)).min(high);
@@ -71,7 +71,7 @@ fn line(yard: &mut Yard<'_, '_>, kind: Thing, across: f32, dice: &mut Dice) {
 }
 
 /// A post, a sign's pole or a bollard within reach of some people: alike on thin sensors.
-fn posts_near_people(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
+fn posts_near_people(yard: &mut Yard, dice: &mut Dice) {
     let people = yard.layout.placed.iter();
     let people = people.filter(|o| o.class == Class::Pedestrian);
     let place = |o: &Placed| yard.ground.road(o.footprint.x, o.footprint.y);

@@ -9,7 +9,7 @@ pub(super) const LEAVES: Surface = porous(0.35, 0.5);
 const BARK: Surface = solid(0.25);
 
 /// Bushes 6, rows of bushes 1 and trees 4 per 100 m, times a factor for the place (4.5 in gardens). A few large trees far behind close the view.
-pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
+pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     let factor = match yard.ground.place {
         Place::Suburb => 4.5,
         Place::Urban => 2.4,
@@ -40,7 +40,7 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
 }
 
 /// A trunk that takes ground, and a crown that may hang over things.
-pub(super) fn tree(yard: &mut Yard<'_, '_>, along: f32, across: f32, scale: f32, dice: &mut Dice) {
+pub(super) fn tree(yard: &mut Yard, along: f32, across: f32, scale: f32, dice: &mut Dice) {
     let radius = dice.range(0.1, 0.26) * scale;
     let clear = dice.range(1.7, 3.2) * scale.max(0.9);
     let lean = v(dice.spread(0.15), dice.spread(0.15), 0.0);

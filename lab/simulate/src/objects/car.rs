@@ -80,13 +80,8 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
         },
         _ => UNDERSIDE,
     };
-    body(
-        style,
-        [false, bed],
-        underside,
-        v(length, width, height),
-        dice,
-    )
+    let size = v(length, width, height);
+    body(style, [false, bed], underside, size, dice)
 }
 
 /// A van: cab forward, often without rear windows.

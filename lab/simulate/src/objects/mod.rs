@@ -81,11 +81,8 @@ pub(crate) fn build(class: Class, family: Family, realism: Realism, dice: &mut D
         let change = mean_size_m(class, family) / model.size_m();
         // Length and width of a person on foot are the step's, not the body's.
         let is_person = class == Class::Pedestrian;
-        model.scale(if is_person {
-            V3::splat(change.z)
-        } else {
-            change
-        });
+        let even = V3::splat(change.z);
+        model.scale(if is_person { even } else { change });
     } else if family == Family::SimAny {
         // Sizes differ between continents, and how far a label stands off between those who drew it.
         model.scale(dice.size([0.9, 1.12], [0.92, 1.1], [0.93, 1.09]));

@@ -65,9 +65,8 @@ fn attempt(family: Family, dice: &mut Dice) -> (Model, bool) {
 fn body(class: Class, family: Family, dice: &mut Dice) -> Mesh {
     let mut model = exact(class, dice, family);
     let (low, high) = (model.low - 1e-3, model.high + 1e-3);
-    model
-        .mesh
-        .keep(|p| p.cmpge(low).all() && p.cmple(high).all());
+    let is_within = |p: V3| p.cmpge(low).all() && p.cmple(high).all();
+    model.mesh.keep(is_within);
     model.mesh
 }
 

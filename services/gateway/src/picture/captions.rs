@@ -27,9 +27,8 @@ impl Captions {
         let lines = 0..=(bottom - top).clamp(0, 400) / line + 1;
         let beside = |x: i64| lines.clone().map(move |i| [x, top - 2 + i * line]);
         let over_and_under = [[left, top - GAP_PX - height], [left, bottom + GAP_PX]];
-        let places = beside(to_right)
-            .chain(beside(to_left))
-            .chain(over_and_under);
+        let places = beside(to_right).chain(beside(to_left));
+        let places = places.chain(over_and_under);
         let mut free = places.filter(|[x, y]| self.is_free([*x, *y, x + width, y + height]));
         let place = free.next().unwrap_or([to_right, top - 2]);
         let within = |i: usize, length: i64| place[i].clamp(0, (self.size_px[i] - length).max(0));

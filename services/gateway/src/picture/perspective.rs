@@ -65,22 +65,16 @@ fn corners_m(shape: &Box3) -> [[f64; 3]; 8] {
     std::array::from_fn(|i| {
         let [x, y] = footprint_m[i % 4];
         let half_m = shape.size_m[2] / 2.0;
-        [
-            x,
-            y,
-            shape.center_m[2] + if i < 4 { -half_m } else { half_m },
-        ]
+        let up_m = if i < 4 { -half_m } else { half_m };
+        [x, y, shape.center_m[2] + up_m]
     })
 }
 
 /// Twelve edges and a filled front.
 fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, corners: &[[f32; 2]]) {
     let color = color_of(drawn);
-    let width = if drawn.kind == BoxKind::Unknown {
-        2.5
-    } else {
-        1.5
-    };
+    let is_unknown = drawn.kind == BoxKind::Unknown;
+    let width = if is_unknown { 2.5 } else { 1.5 };
     canvas.polygon(&[0, 3, 7, 4].map(|i| corners[i]), color, 0.3);
     for i in 0..4 {
         for (a, b) in [(i, (i + 1) % 4), (i + 4, (i + 1) % 4 + 4), (i, i + 4)] {

@@ -111,11 +111,8 @@ impl Directions {
     /// Degrees of the directions in which every scan has something near; 0 of fewer than three scans.
     pub(super) fn own_body_deg(&self) -> f32 {
         let stays = self.near_scans.iter().filter(|scans| **scans == self.scans);
-        if self.scans < 3 {
-            0.0
-        } else {
-            stays.count() as f32 * SECTOR_DEG
-        }
+        let angle_deg = stays.count() as f32 * SECTOR_DEG;
+        if self.scans < 3 { 0.0 } else { angle_deg }
     }
 
     /// Returns that count for a sector.

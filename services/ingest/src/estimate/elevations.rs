@@ -120,11 +120,8 @@ fn atan_deg(height: f32, distance: f32) -> f32 {
     let series =
         0.999_866 + s * (-0.330_299_5 + s * (0.180_141 + s * (-0.085_133 + s * 0.020_835_1)));
     let angle_deg = (ratio * series).to_degrees();
-    let from_level = if up > ahead {
-        90.0 - angle_deg
-    } else {
-        angle_deg
-    };
+    let from_up_deg = 90.0 - angle_deg;
+    let from_level = if up > ahead { from_up_deg } else { angle_deg };
     from_level.copysign(height)
 }
 

@@ -65,11 +65,8 @@ mod tests {
         let point = |i: i32| {
             let (x, y) = ((i % 100) as f32 * 0.4 - 20.0, (i / 100) as f32 * 0.4 - 20.0);
             // A third of the area is covered by things of different heights.
-            let above = if i % 3 == 0 && i % 700 > 350 {
-                (i % 17) as f32 * 0.2
-            } else {
-                0.0
-            };
+            let is_thing = i % 3 == 0 && i % 700 > 350;
+            let above = if is_thing { (i % 17) as f32 * 0.2 } else { 0.0 };
             [x, y, -0.8 + 0.17 * x - 0.05 * y + above]
         };
         let level = finder.find((0..10_000).map(point)).expect("a plane");

@@ -76,12 +76,10 @@ impl SensorEstimate {
         } else {
             (0..beams).map(even).collect()
         };
+        let scans = self.scans;
         SensorProfile {
             name: name.to_string(),
-            source: format!(
-                "estimated from {} scans; range noise is a guess",
-                self.scans
-            ),
+            source: format!("estimated from {scans} scans; range noise is a guess"),
             elevations_deg,
             azimuth_step_deg: self.azimuth_step_deg.unwrap_or(0.2),
             field_deg: (self.field_deg[1] < 360.0).then_some(self.field_deg),

@@ -55,9 +55,8 @@ impl StepVotes {
     /// Degrees; `None` where no beam had enough returns.
     pub(super) fn step_deg(&self) -> Option<f32> {
         let sums = self.votes.windows(3).map(|three| three.iter().sum::<u32>());
-        let (bin, most) = sums
-            .enumerate()
-            .max_by_key(|&(bin, sum)| (sum, BINS - bin))?;
+        let sums = sums.enumerate();
+        let (bin, most) = sums.max_by_key(|&(bin, sum)| (sum, BINS - bin))?;
         let three = [0, 1, 2].map(|i| (bin + i) as f32 + 0.5);
         let weighted: f32 = (0..3).map(|i| three[i] * self.votes[bin + i] as f32).sum();
         (most as usize >= RETURNS_MIN / 2).then(|| weighted / most as f32 * BIN_DEG)

@@ -225,18 +225,15 @@ fn check_instances() -> Vec<Finding> {
     let (folders, files): (Vec<_>, Vec<_>) = own.partition(|entry| entry.path().is_dir());
     let names = folders.into_iter().map(|entry| entry.file_name());
     let names: Vec<_> = names.filter_map(|name| name.into_string().ok()).collect();
-    let found = names
-        .iter()
-        .filter_map(|name| check_instance(name.strip_prefix(&stem)?));
+    let found = names.iter();
+    let found = found.filter_map(|name| check_instance(name.strip_prefix(&stem)?));
     let mut found: Vec<Finding> = found.collect();
     // A segment is named after its instance.
     let is_lost = |file: &fs::DirEntry| {
         let file = file.file_name();
         let (file, mut names) = (file.to_string_lossy(), names.iter());
-        !names.any(|name| {
-            file.strip_prefix(name)
-                .is_some_and(|rest| rest.starts_with('.'))
-        })
+        let is_more = |rest: &str| rest.starts_with('.');
+        !names.any(|name| file.strip_prefix(name).is_some_and(is_more))
     };
     let lost = files.iter().filter(|file| is_lost(file)).count();
     if lost > 0 {

@@ -63,11 +63,8 @@ fn of_stages(snapshot: &Snapshot, samples: &mut Vec<Sample>) {
         };
         add("mluc_stage_up", "", health.is_some().into());
         if let Some(health) = health {
-            add(
-                "mluc_stage_refused_total",
-                "",
-                health.messages_refused as f64,
-            );
+            let refused = health.messages_refused as f64;
+            add("mluc_stage_refused_total", "", refused);
             let us = [health.run_p50_us, health.run_p99_us, health.run_max_us];
             for (quantile, us) in ["0.5", "0.99", "1"].iter().zip(us) {
                 let label = format!(",quantile=\"{quantile}\"");
@@ -94,21 +91,7 @@ mod tests {
     #[test]
     fn samples_say_what_was_seen() {
         let text = metrics(&snapshot(StatusState::Blind));
-        for line in [
-            "# TYPE mluc_sees gauge",
-            "mluc_sees 0",
-            "mluc_state{state=\"blind\"} 1",
-            "mluc_state{state=\"running\"} 0",
-            "mluc_result_age_seconds 0.12",
-            "mluc_frames_dropped_total 1",
-            "mluc_blind_degrees 20",
-            "mluc_scans_set_aside 2",
-            "mluc_stage_restarts_total{stage=\"backbone\"} 3",
-            "mluc_stage_up{stage=\"head\"} 0",
-            "mluc_stage_frames_total{stage=\"backbone\",way=\"in\"} 44",
-            "mluc_stage_frames_total{stage=\"backbone\",way=\"late\"} 2",
-            "mluc_stage_run_seconds{stage=\"refiner\",quantile=\"0.99\"} 0.02",
-        ] {
+        for line in include_str!("metrics_of_a_snapshot.txt").lines() {
             assert!(text.lines().any(|found| found == line), "{line}: {text}");
         }
         let nobody = metrics(&Snapshot::default());

@@ -13,7 +13,7 @@ mod up;
 use std::os::unix::process::CommandExt;
 use std::process::ExitCode;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, Result, bail};
 use mluc_runtime::{ClaimNote, Instance, Shell, log_to_stderr};
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -33,7 +33,7 @@ pub(crate) use top::top;
 pub(crate) use up::up;
 
 /// `mluc config`: the settings of a run, without the run.
-pub(crate) fn config(prints: bool, pipeline: PipelineArgs) -> anyhow::Result<ExitCode> {
+pub(crate) fn config(prints: bool, pipeline: PipelineArgs) -> Result<ExitCode> {
     log_to_stderr("config", "warn");
     let mut resolved = Resolved::of(pipeline, false)?;
     resolved.load_model()?;
@@ -44,7 +44,7 @@ pub(crate) fn config(prints: bool, pipeline: PipelineArgs) -> anyhow::Result<Exi
 }
 
 /// `mluc reload`: asks the supervisor for a look at its settings, and says what came of it.
-pub(crate) fn reload(name: &str) -> anyhow::Result<ExitCode> {
+pub(crate) fn reload(name: &str) -> Result<ExitCode> {
     let instance = observe::instance(name)?;
     let supervisor = ClaimNote::of_living(&instance, "pipeline");
     let supervisor = supervisor.and_then(|note| Pid::from_raw(note.pid as i32));
@@ -65,18 +65,14 @@ pub(crate) fn reload(name: &str) -> anyhow::Result<ExitCode> {
 }
 
 /// `mluc clean`: iceoryx2's own cleaning, once.
-pub(crate) fn clean(instance: &str) -> anyhow::Result<ExitCode> {
+pub(crate) fn clean(instance: &str) -> Result<ExitCode> {
     log_to_stderr("clean", "warn");
     Shell::remove_dead(&Instance::new(instance)?)?;
     Ok(ExitCode::SUCCESS)
 }
 
 /// `mluc exec`: ties this process to the supervisor and becomes another program.
-pub(crate) fn exec(
-    parent: u32,
-    cpus: Option<Vec<usize>>,
-    command: &[String],
-) -> anyhow::Result<ExitCode> {
+pub(crate) fn exec(parent: u32, cpus: Option<Vec<usize>>, command: &[String]) -> Result<ExitCode> {
     log_to_stderr("exec", "warn");
     end_with(parent)?;
     cpus.map_or(Ok(()), |cpus| pin(&cpus))?;

@@ -127,12 +127,10 @@ impl Sink for Compared {
             self.models = Some([own, others].map(str::to_string));
         }
         let flags = recorded["flags"].as_array().into_iter().flatten();
+        let mut lists = ["objects", "suppressed"].iter();
         if flags.into_iter().any(|flag| flag == "degraded") {
             self.degraded += 1;
-        } else if ["objects", "suppressed"]
-            .iter()
-            .all(|key| recorded[key] == found[key])
-        {
+        } else if lists.all(|key| recorded[key] == found[key]) {
             self.same += 1;
         } else {
             self.other += 1;

@@ -91,10 +91,8 @@ impl Complaints {
     /// Takes what is new.
     fn add(&mut self, snapshot: &Snapshot) {
         let state = snapshot.state().filter(|state| !state.sees());
-        let reason = snapshot
-            .status
-            .as_ref()
-            .map_or("", |status| status.reason());
+        let status = snapshot.status.as_ref();
+        let reason = status.map_or("", |status| status.reason());
         let of_all = state.map(|state| format!("{}: {reason}", state.name()));
         let is_bad = |health: &&Health| {
             let states = [HealthState::Degraded, HealthState::Failed].map(|state| state as u32);
@@ -102,9 +100,8 @@ impl Complaints {
         };
         let bad = snapshot.stages.iter().flatten().filter(is_bad);
         let of_stages = bad.map(|health| {
-            let name = Stage::ALL
-                .get(health.stage as usize)
-                .map_or("?", |s| s.name());
+            let stage = Stage::ALL.get(health.stage as usize);
+            let name = stage.map_or("?", |stage| stage.name());
             format!("{name}: {}", health.reason())
         });
         for words in of_all.into_iter().chain(of_stages) {

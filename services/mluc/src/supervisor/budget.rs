@@ -117,9 +117,7 @@ impl Budget {
             wait.since_ns.get_or_insert(now_ns);
         }
         wait.seen = out;
-        let waited_ns = wait
-            .since_ns
-            .map_or(0, |since_ns| now_ns.saturating_sub(since_ns));
+        let waited_ns = wait.since_ns.map_or(0, |ns| now_ns.saturating_sub(ns));
         let missed_ns = self.limit_us * 1000 + HEARTBEATS_NS;
         let verdict = if waited_ns > missed_ns + LASTING_NS {
             Severity::Lasting

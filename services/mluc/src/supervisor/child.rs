@@ -5,7 +5,7 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child as Process, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, Result, bail};
 use mluc_ipc_types::Stage;
 use mluc_runtime::{
     ClaimNote, HealthWatch, Instance, LOG_FORMAT_VARIABLE, MANAGER_VARIABLES, log_format,
@@ -109,7 +109,7 @@ impl Child {
         }
     }
 
-    pub(super) fn start(&mut self, settings: &Settings, start_sequence: u64) -> anyhow::Result<()> {
+    pub(super) fn start(&mut self, settings: &Settings, start_sequence: u64) -> Result<()> {
         let own = &settings.stages[self.stage];
         let supervisor = std::process::id().to_string();
         let mut command =
@@ -145,9 +145,8 @@ impl Child {
         for variable in MANAGER_VARIABLES {
             command.env_remove(variable);
         }
-        let process = command
-            .spawn()
-            .with_context(|| format!("starting stage {}", self.stage.name()))?;
+        let about = || format!("starting stage {}", self.stage.name());
+        let process = command.spawn().with_context(about)?;
         self.process = Some(process);
         self.oom_kills_before = oom_kills();
         self.started_ns = monotonic_ns();
@@ -169,7 +168,7 @@ impl Child {
         health: &HealthWatch,
         settings: &Settings,
         regular_since_ns: u64,
-    ) -> anyhow::Result<Ended> {
+    ) -> Result<Ended> {
         let own = &settings.stages[self.stage];
         if own.external {
             self.report_silence(health, own, regular_since_ns);
@@ -219,11 +218,8 @@ impl Child {
             self.was_stopped = is_stopped(self.pid());
             self.signal(Signal::KILL);
             let name = self.stage.name();
-            let what = if self.was_stopped {
-                "is stopped by a signal"
-            } else {
-                "hangs"
-            };
+            let stopped = "is stopped by a signal";
+            let what = if self.was_stopped { stopped } else { "hangs" };
             tracing::error!(
                 stage = name,
                 "{what}: {silent_ms} ms without a sign of life, {limit_ms} allowed ({key} of [stages.{name}]): killed"
@@ -232,12 +228,7 @@ impl Child {
         Ok(Ended::No)
     }
 
-    fn ended(
-        &mut self,
-        status: ExitStatus,
-        pid: u32,
-        settings: &Settings,
-    ) -> anyhow::Result<Ended> {
+    fn ended(&mut self, status: ExitStatus, pid: u32, settings: &Settings) -> Result<Ended> {
         if status.success() {
             // Ingest's end is that of its input; any other stage that ends fails.
             if self.stage != Stage::Ingest {
@@ -290,7 +281,7 @@ impl Child {
     }
 
     /// It died by itself: a death that repeats without a frame between is no accident.
-    fn judge(&mut self, status: ExitStatus, settings: &Settings) -> anyhow::Result<()> {
+    fn judge(&mut self, status: ExitStatus, settings: &Settings) -> Result<()> {
         let name = self.stage.name();
         self.count_death();
         if status.code() == Some(i32::from(EXIT_USAGE)) && !self.is_foreign {
@@ -387,9 +378,8 @@ fn oom_kills() -> u64 {
 /// By a signal (state T of the kernel).
 fn is_stopped(pid: u32) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    stat.rsplit(')')
-        .next()
-        .is_some_and(|rest| rest.trim_start().starts_with(['T', 't']))
+    let rest = stat.rsplit(')').next();
+    rest.is_some_and(|rest| rest.trim_start().starts_with(['T', 't']))
 }
 
 /// A frame may take twice as long as the longest one so far: a slow network is no hang. 0: no limit.

@@ -68,10 +68,8 @@ impl Seek<'_> {
             found.clear();
             for row in self.frame.rows_around(center, reach_m(self.candidate)) {
                 *work += row.len() as u64;
-                found.extend(
-                    row.iter()
-                        .filter(|p| inside.contains(p.at_m.map(f64::from))),
-                );
+                let is_inside = |p: &&IndexedPoint| inside.contains(p.at_m.map(f64::from));
+                found.extend(row.iter().filter(is_inside));
             }
             if !found.is_empty() {
                 // By their place in the scan, whatever the cells.

@@ -52,7 +52,5 @@ impl Repeats {
 
 /// A message without its numbers.
 fn words(message: &str) -> impl Iterator<Item = char> {
-    message
-        .chars()
-        .filter(|character| !character.is_ascii_digit())
+    message.chars().filter(|c| !c.is_ascii_digit())
 }

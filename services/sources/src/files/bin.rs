@@ -10,10 +10,8 @@ pub(crate) fn check_columns(sizes: &[u64]) -> Result<(), SourceError> {
     match [5, 6, 3].into_iter().find(|columns| all(*columns)) {
         Some(columns) if !sizes.iter().all(|size| size.is_multiple_of(16)) => {
             let help = "say which with --columns x,y,z,intensity,..";
-            let found = format!(
-                "a multiple of {} bytes: {columns} columns? {help}",
-                4 * columns
-            );
+            let bytes = 4 * columns;
+            let found = format!("a multiple of {bytes} bytes: {columns} columns? {help}");
             refused("size", "16 bytes a point (x, y, z, intensity)", found)
         }
         _ => Ok(()),

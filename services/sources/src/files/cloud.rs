@@ -153,11 +153,8 @@ impl<'a> Reader<'a> {
         let raw = self.bytes(8)?.try_into().ok()?;
         let bits = u64::from_le_bytes(raw);
         let is_swapped = self.is_big_endian;
-        Some(f64::from_bits(if is_swapped {
-            bits.swap_bytes()
-        } else {
-            bits
-        }))
+        let bits = if is_swapped { bits.swap_bytes() } else { bits };
+        Some(f64::from_bits(bits))
     }
 
     /// Time (ns since 1970) and frame of reference.

@@ -85,18 +85,12 @@ impl Layout {
             }
         }
         if let Some([index, count]) = self.shard.filter(|[index, count]| index >= count) {
-            return refused(
-                "shard",
-                "I/N with I from 0 to N-1",
-                format!("{index}/{count}"),
-            );
+            let found = format!("{index}/{count}");
+            return refused("shard", "I/N with I from 0 to N-1", found);
         }
         if !self.origin.iter().all(|v| v.is_finite()) {
-            return refused(
-                "origin",
-                "three finite numbers",
-                format!("{:?}", self.origin),
-            );
+            let found = format!("{:?}", self.origin);
+            return refused("origin", "three finite numbers", found);
         }
         let is_missing = |axis: &&str| !self.columns.iter().any(|name| name == axis);
         let missing = ["x", "y", "z"].into_iter().find(is_missing);
@@ -123,9 +117,8 @@ impl Layout {
     /// For forward, left, up: which coordinate, and its sign.
     fn signed_axes(&self) -> Result<[(usize, f64); 3], SourceError> {
         let axis = |word: &str| {
-            let (sign, name) = word
-                .strip_prefix('-')
-                .map_or((1.0, word), |name| (-1.0, name));
+            let bare = word.strip_prefix('-');
+            let (sign, name) = bare.map_or((1.0, word), |name| (-1.0, name));
             let place = ["x", "y", "z"].iter().position(|axis| *axis == name)?;
             Some((place, sign))
         };
@@ -133,16 +126,12 @@ impl Layout {
         let axes: Option<Vec<(usize, f64)>> = words.collect();
         let fault =
             || SourceError::field("axes", "x, y and z once each, as in `y,-x,z`", &self.axes);
-        let axes: [(usize, f64); 3] = axes
-            .and_then(|axes| axes.try_into().ok())
-            .ok_or_else(fault)?;
+        let axes = axes.and_then(|axes| axes.try_into().ok());
+        let axes: [(usize, f64); 3] = axes.ok_or_else(fault)?;
         let mut places = axes.map(|(place, _)| place);
         places.sort_unstable();
-        if places == [0, 1, 2] {
-            Ok(axes)
-        } else {
-            Err(fault())
-        }
+        let has_all = places == [0, 1, 2];
+        has_all.then_some(axes).ok_or_else(fault)
     }
 
     /// What turns coordinates in m along the sensor's axes. The layout was [checked](Self::check); else they stay as they are.

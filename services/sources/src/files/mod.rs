@@ -52,9 +52,8 @@ impl Format {
     /// By a file's name; `None`: none that is known.
     pub fn of(path: &Path) -> Option<Format> {
         let name = path.file_name()?.to_str()?.to_ascii_lowercase();
-        let found = Format::ENDINGS
-            .iter()
-            .find(|(ending, _)| name.ends_with(ending));
+        let mut endings = Format::ENDINGS.iter();
+        let found = endings.find(|(ending, _)| name.ends_with(ending));
         found.map(|(_, format)| *format)
     }
 

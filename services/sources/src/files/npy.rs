@@ -8,9 +8,8 @@ const MAGIC: &[u8] = b"\x93NUMPY";
 
 pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> {
     let fault = |found: &str| SourceError::field("header", "that of a NumPy array", found);
-    let rest = file
-        .strip_prefix(MAGIC)
-        .ok_or_else(|| fault("another file"))?;
+    let rest = file.strip_prefix(MAGIC);
+    let rest = rest.ok_or_else(|| fault("another file"))?;
     let (header, data) = header(rest).ok_or_else(|| fault("its end"))?;
     let (descr, shape) = (value(header, "descr"), value(header, "shape"));
     let (Some(descr), Some(shape)) = (descr, shape) else {
@@ -36,11 +35,8 @@ pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> 
         let mut table = Table::of_rows(data.to_vec(), &fields, rows);
         let bytes = kind.bytes();
         let place = |(i, column): (usize, &mut Column)| {
-            let (start, stride) = if is_fortran {
-                (i * rows, 1)
-            } else {
-                (i, count)
-            };
+            let (by_column, by_row) = ((i * rows, 1), (i, count));
+            let (start, stride) = if is_fortran { by_column } else { by_row };
             (column.start, column.stride) = (start.saturating_mul(bytes), stride * bytes);
         };
         table.columns.iter_mut().enumerate().for_each(place);

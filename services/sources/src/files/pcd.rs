@@ -140,10 +140,8 @@ pub(super) mod tests {
     fn references_repeat_what_was_written_and_damage_is_found() {
         // Two literals, then nine bytes from two before.
         let packed = [1, b'a', b'b', 7 << 5, 0, 1];
-        assert_eq!(
-            unpack_lzf(&packed, 11).as_deref(),
-            Some(&b"abababababa"[..])
-        );
+        let found = unpack_lzf(&packed, 11);
+        assert_eq!(found.as_deref(), Some(&b"abababababa"[..]));
         for (packed, length) in [
             (&packed[..], 12),
             (&packed[..5], 11),

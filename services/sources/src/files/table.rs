@@ -126,17 +126,15 @@ impl Table {
     /// The column of the first of these names that there is, in any case.
     pub(super) fn column(&self, names: &[&str]) -> Option<&Column> {
         let is_named = |column: &&Column, name: &str| column.name.eq_ignore_ascii_case(name);
-        names
-            .iter()
-            .find_map(|name| self.columns.iter().find(|column| is_named(column, name)))
+        let find = |name: &&str| self.columns.iter().find(|column| is_named(column, name));
+        names.iter().find_map(find)
     }
 
     /// The value in a row; `None` beyond the end of the data.
     pub(super) fn value(&self, column: &Column, row: usize) -> Option<f64> {
         let start = column.start.checked_add(row.checked_mul(column.stride)?)?;
-        let from = self
-            .data
-            .get(start..start.checked_add(column.kind.bytes())?)?;
+        let end = start.checked_add(column.kind.bytes())?;
+        let from = self.data.get(start..end)?;
         Some(column.kind.read(from, self.is_big_endian))
     }
 }

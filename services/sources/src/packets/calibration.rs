@@ -126,10 +126,8 @@ fn channels(text: &str) -> Result<Vec<[f32; 2]>, SourceError> {
         if fields.iter().all(|field| field.is_empty()) {
             continue;
         }
-        let numbers: Vec<f32> = fields
-            .iter()
-            .filter_map(|field| field.parse().ok())
-            .collect();
+        let numbers = fields.iter().filter_map(|field| field.parse().ok());
+        let numbers: Vec<f32> = numbers.collect();
         match numbers[..] {
             [id, elevation_deg, azimuth_deg]
                 if id == channels.len() as f32 + 1.0

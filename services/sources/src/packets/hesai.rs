@@ -2,16 +2,20 @@
 //!
 //! The times of channels within a block are those of the manuals' appendix "absolute time of point cloud data".
 
+use std::sync::LazyLock;
+
 use mluc_model::SensorProfile;
+use serde::Deserialize;
 
 use super::sweep::Sweep;
 use super::{Calibration, Damaged, Echo, Revolution, u16_at, u32_at};
 use crate::SourceError;
 
 /// A product's packet: a header, blocks of an azimuth and a shot a channel, a tail. Bytes.
+#[derive(Deserialize)]
 pub(super) struct Layout {
     /// In `sensors/`.
-    profile: &'static str,
+    profile: String,
     header: usize,
     /// Before each block's azimuth.
     mark: usize,
@@ -25,70 +29,15 @@ pub(super) struct Layout {
     /// From block to block, and of the last block against the packet's time.
     blocks_ns: [i64; 2],
     /// Of each channel in its block.
-    channel_ns: &'static [i32],
+    channel_ns: Vec<i32>,
 }
 
-const PANDAR_40P: Layout = Layout {
-    profile: "pandar40p",
-    header: 0,
-    mark: 2,
-    blocks: 10,
-    channels: 40,
-    shot: 3,
-    tail: [22, 10, 14, 16],
-    unit_at: None,
-    blocks_ns: [55_560, -28_580],
-    channel_ns: &[
-        -42220, -28470, -16040, -3620, -45490, -31740, -47460, -54670, -20620, -33710, -40910,
-        -8190, -20620, -27160, -50730, -8190, -14740, -36980, -45490, -52700, -23890, -31740,
-        -38950, -11470, -18650, -25190, -48760, -6230, -12770, -35010, -21920, -9500, -43520,
-        -29770, -17350, -4920, -42220, -28470, -16040, -3620,
-    ],
-};
-const PANDAR_64: Layout = Layout {
-    profile: "pandar64",
-    header: 8,
-    mark: 0,
-    blocks: 6,
-    channels: 64,
-    unit_at: Some(5),
-    blocks_ns: [55_560, -42_580],
-    channel_ns: &[
-        -23180, -21876, -20572, -19268, -17964, -16660, -11444, -46796, -7532, -36956, -50732,
-        -54668, -40892, -44828, -31052, -34988, -48764, -52700, -38924, -42860, -29084, -33020,
-        -46796, -25148, -36956, -50732, -27116, -40892, -44828, -31052, -34988, -48764, -25148,
-        -38924, -42860, -29084, -33020, -52700, -6228, -54668, -15356, -27116, -10140, -23180,
-        -4924, -21876, -14052, -17964, -8836, -19268, -3620, -20572, -12748, -16660, -7532, -11444,
-        -6228, -15356, -10140, -4924, -3620, -14052, -8836, -12748,
-    ],
-    ..PANDAR_40P
-};
-const XT_32: Layout = Layout {
-    profile: "xt32",
-    header: 12,
-    mark: 0,
-    blocks: 8,
-    channels: 32,
-    shot: 4,
-    tail: [24, 19, 10, 13],
-    unit_at: Some(9),
-    blocks_ns: [50_000, 5_632],
-    channel_ns: &evenly::<32>(368, 1512),
-};
-
-const fn evenly<const N: usize>(first_ns: i32, step_ns: i32) -> [i32; N] {
-    let mut offsets_ns = [0; N];
-    let mut channel = 0;
-    while channel < N {
-        offsets_ns[channel] = first_ns + step_ns * channel as i32;
-        channel += 1;
-    }
-    offsets_ns
-}
+static LAYOUTS: LazyLock<Vec<Layout>> = LazyLock::new(|| {
+    serde_json::from_str(include_str!("hesai.json")).expect("the table, which a test reads")
+});
 
 pub(super) fn recognize(payload: &[u8]) -> Option<&'static Layout> {
-    let fits = |layout: &&Layout| layout.takes(payload);
-    [&PANDAR_40P, &PANDAR_64, &XT_32].into_iter().find(fits)
+    LAYOUTS.iter().find(|layout| layout.takes(payload))
 }
 
 impl Layout {
@@ -129,18 +78,16 @@ impl Hesai {
         layout: &'static Layout,
         calibration: Option<&Calibration>,
     ) -> Result<Hesai, SourceError> {
-        let profile = SensorProfile::load(layout.profile)
-            .map_err(|cause| SourceError::field(layout.profile, "a profile", cause))?;
+        let profile = SensorProfile::load(&layout.profile)
+            .map_err(|cause| SourceError::field(&layout.profile, "a profile", cause))?;
         let channels: Vec<[f32; 2]> = match calibration {
             // A profile's beams and the channels both count from the top.
             None => {
                 let offsets_deg = profile.azimuth_offsets_deg.iter().copied();
                 let offsets_deg = offsets_deg.chain(std::iter::repeat(0.0));
                 let elevations_deg = profile.elevations_deg.iter().copied();
-                elevations_deg
-                    .zip(offsets_deg)
-                    .map(<[f32; 2]>::from)
-                    .collect()
+                let angles = elevations_deg.zip(offsets_deg);
+                angles.map(<[f32; 2]>::from).collect()
             }
             Some(Calibration::Hesai(channels)) if channels.len() == layout.channels => {
                 channels.clone()
@@ -202,17 +149,13 @@ impl Hesai {
                 let (sin, cos) = direction.sin_cos();
                 let shot_ns = at_ns(i64::from(layout.channel_ns[ring]));
                 let distances = pair.map(|(bytes, _)| u32::from(u16_at(bytes, 0)));
-                sweep.shot(
-                    distances,
-                    pair.map(|(_, echo)| echo),
-                    |slot, echo, sweep| {
-                        let distance_m = (distances[slot] * u32::from(unit_mm)) as f32 * 0.001;
-                        let [level_m, z_m] =
-                            [channel[2], channel[1]].map(|share| share * distance_m);
-                        let xyz_m = [level_m * cos, -level_m * sin, z_m];
-                        sweep.point(xyz_m, pair[slot].0[2], shot_ns, ring as u16, echo);
-                    },
-                );
+                let echoes = pair.map(|(_, echo)| echo);
+                sweep.shot(distances, echoes, |slot, echo, sweep| {
+                    let distance_m = (distances[slot] * u32::from(unit_mm)) as f32 * 0.001;
+                    let [level_m, z_m] = [channel[2], channel[1]].map(|share| share * distance_m);
+                    let xyz_m = [level_m * cos, -level_m * sin, z_m];
+                    sweep.point(xyz_m, pair[slot].0[2], shot_ns, ring as u16, echo);
+                });
             }
         }
         Ok(())

@@ -154,10 +154,8 @@ impl Metadata {
                 return refused("calibration: lidar_origin_to_beam_origin_mm", "mm", "none");
             }
         };
-        let angles = fields
-            .beam_altitude_angles
-            .iter()
-            .zip(&fields.beam_azimuth_angles);
+        let angles = fields.beam_altitude_angles.iter();
+        let angles = angles.zip(&fields.beam_azimuth_angles);
         let numbers = angles.clone().flat_map(|(a, b)| [*a, *b]).chain(origin_mm);
         let mut numbers = numbers.chain(fields.lidar_to_sensor_transform);
         // Not a number is not within.

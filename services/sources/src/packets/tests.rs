@@ -201,9 +201,7 @@ fn every_family_gives_revolutions_with_times_and_counts_what_is_lost() {
             ..Counts::default()
         };
         assert_eq!(decoder.counts(), expected, "{product}");
-        let told = scans
-            .iter()
-            .map(|scan| (scan.is_partial, scan.packets_lost));
+        let told = scans.iter().map(|s| (s.is_partial, s.packets_lost));
         let expected = [(true, 0), (false, 1), (false, 0), (true, 0)];
         assert_eq!(told.collect::<Vec<_>>(), expected, "{product}");
         for (scan, packets) in [(&scans[1], kind.per_turn - 1), (&scans[2], kind.per_turn)] {
@@ -273,10 +271,8 @@ fn a_sector_that_is_left_out_is_no_loss_and_no_part_of_another_turn() {
     }
     decoder.finish(&mut keep);
     let points = 33 * kind.points_per_packet;
-    assert_eq!(
-        turns,
-        [true, false, false, true].map(|is_partial| (is_partial, points))
-    );
+    let expected = [true, false, false, true].map(|is_partial| (is_partial, points));
+    assert_eq!(turns, expected);
     // The first one cannot be told from a loss.
     assert_eq!(decoder.counts().lost, 42);
 }
@@ -298,10 +294,8 @@ fn returns_are_marked() {
     assert_eq!(echoes_of(|_| ()), (vec![Last, Strongest], 0));
     assert_eq!(echoes_of(|p| p[4..6].fill(0)), (vec![Strongest, Last], 0));
     assert_eq!(echoes_of(neither), (vec![Last, Strongest], 1));
-    assert_eq!(
-        echoes_of(|p| p.copy_within(4..6, 104)),
-        (vec![Both, Last], 0)
-    );
+    let alike = echoes_of(|p| p.copy_within(4..6, 104));
+    assert_eq!(alike, (vec![Both, Last], 0));
 }
 
 #[test]
@@ -324,17 +318,11 @@ fn another_sensors_calibration_and_other_traffic_are_said() {
     let kinds = kinds();
     let packet = |kind: usize| kinds[kind].packet(0, 0);
     let legacy = "LEGACY, packets of 1088 bytes, found datagrams of [512]";
+    let hesai = "a Hesai with 40 channels, found Velodyne";
+    let velodyne = "a Velodyne with 16 lasers, found Velodyne";
     let cases = [
-        (
-            packet(0),
-            csv(40),
-            "a Hesai with 40 channels, found Velodyne",
-        ),
-        (
-            packet(1),
-            yaml(16),
-            "a Velodyne with 16 lasers, found Velodyne",
-        ),
+        (packet(0), csv(40), hesai),
+        (packet(1), yaml(16), velodyne),
         (packet(3), String::new(), "the YAML file of this Velodyne"),
         (packet(6), csv(40), "40 channels, found Hesai Pandar64"),
         (packet(9), metadata("LEGACY"), legacy),
@@ -356,16 +344,13 @@ fn another_sensors_calibration_and_other_traffic_are_said() {
 fn a_calibration_that_cannot_be_is_an_error_with_its_place() {
     let legacy = metadata("LEGACY");
     let not_a_number = yaml(16).replace("correction: 0.1}", "correction: .nan}");
+    let named_twice = yaml(16).replace("id: 3", "id: 4");
+    let too_few = legacy.replace("[20, 5", "[5");
+    let formats = "Velodyne's YAML, Hesai's CSV or Ouster's JSON";
     let cases = [
-        (
-            String::new(),
-            "Velodyne's YAML, Hesai's CSV or Ouster's JSON",
-        ),
+        (String::new(), formats),
         ("lasers: 5".into(), "YAML: expected a list `lasers`"),
-        (
-            yaml(16).replace("id: 3", "id: 4"),
-            "each laser_id from 0 on",
-        ),
+        (named_twice, "each laser_id from 0 on"),
         (not_a_number, "laser 0"),
         (yaml(16) + "distance_resolution: 7\n", "distance_resolution"),
         (csv(40).replace("\n3,", "\n5,"), "line 4"),
@@ -374,10 +359,7 @@ fn a_calibration_that_cannot_be_is_an_error_with_its_place() {
         ("{".into(), "JSON"),
         ("{}".into(), "missing field `beam_altitude_angles`"),
         (metadata("RNG99"), "udp_profile_lidar: expected LEGACY"),
-        (
-            legacy.replace("[20, 5", "[5"),
-            "found 3 altitudes, 512 columns",
-        ),
+        (too_few, "found 3 altitudes, 512 columns"),
         (legacy.replace("512", "99999999"), "1 to 4096 columns"),
         (legacy.replace("_mm\"", "\""), "lidar_origin_to_beam_origin"),
         (" ".repeat(5 << 20), "at most 4194304 bytes"),
@@ -391,12 +373,8 @@ fn a_calibration_that_cannot_be_is_an_error_with_its_place() {
 /// A packet's number and time, bytes that are changed, where it is cut.
 fn damage() -> impl Strategy<Value = (u32, u64, Vec<(usize, u8)>, Option<usize>)> {
     let changes = prop::collection::vec((0..9000usize, any::<u8>()), 0..40);
-    (
-        0..100_000u32,
-        0..u64::MAX / 2,
-        changes,
-        prop::option::of(0..9000usize),
-    )
+    let (number, ns, cut) = (0..100_000u32, 0..u64::MAX / 2, 0..9000usize);
+    (number, ns, changes, prop::option::of(cut))
 }
 
 proptest! {

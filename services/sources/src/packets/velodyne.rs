@@ -71,11 +71,7 @@ const VLP_32C_RINGS: [usize; 32] = [
 impl Product {
     /// Which beam from the top a laser is, where all units are alike: the small ones fire alternately from the bottom and from the middle upwards.
     fn ring(&self, laser: usize) -> Option<usize> {
-        let lowest = if laser.is_multiple_of(2) {
-            self.lasers
-        } else {
-            self.lasers / 2
-        };
+        let lowest = self.lasers / if laser.is_multiple_of(2) { 1 } else { 2 };
         match self.profile {
             "hdl-64e" | "vls-128" => None,
             "vlp-32c" => VLP_32C_RINGS.get(laser).copied(),
@@ -198,11 +194,8 @@ impl Velodyne {
         sweep.packet(stamp_ns, interval_ns, azimuth_of(0));
         for block in (0..blocks).step_by(returns) {
             // The next block of the last one comes with the next packet.
-            let next = if block + returns < blocks {
-                block + returns
-            } else {
-                block
-            };
+            let after = block + returns;
+            let next = if after < blocks { after } else { block };
             let [from, to] = [block, next].map(|block| u32::from(azimuth_of(block)));
             let gap_cdeg = (to + 36_000 - from) % 36_000;
             let gap_cdeg = if gap_cdeg > GAP_MAX_CDEG { 0 } else { gap_cdeg };
@@ -315,9 +308,8 @@ fn beams(lasers: Vec<Laser>) -> Vec<Beam> {
     let elevations: Vec<f32> = lasers.iter().map(|laser| laser.vert_correction).collect();
     let beam = |laser: Laser| {
         let (sin, cos) = laser.vert_correction.sin_cos();
-        let higher = elevations
-            .iter()
-            .filter(|rad| **rad > laser.vert_correction);
+        let higher = elevations.iter();
+        let higher = higher.filter(|rad| **rad > laser.vert_correction);
         let before = elevations[..laser.laser_id].iter();
         let equal = before.filter(|rad| **rad == laser.vert_correction);
         Beam {

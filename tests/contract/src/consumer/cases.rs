@@ -65,9 +65,8 @@ fn frames(session: &mut Session) -> Outcome {
     player.next += 1;
     player.send_scan(&points)?;
     player.send(&gone)?;
-    session
-        .await_line(&gone)
-        .context("a frame without its points")?;
+    let taken = session.await_line(&gone);
+    taken.context("a frame without its points")?;
     session.ask()?;
     Ok(format!("{FRAMES} taken, and one without its points"))
 }
@@ -104,13 +103,10 @@ fn are_not_used(session: &mut Session, what: &str, frame: Frame) -> anyhow::Resu
     let (sequence, before) = (frame.header.sequence, session.lines()?.len());
     session.player()?.send(&frame)?;
     std::thread::sleep(TAKEN);
-    session
-        .ask()
-        .with_context(|| format!("the sound frame after: {what}"))?;
-    let lines = session.lines()?;
-    let used = lines[before..]
-        .iter()
-        .any(|line| line["sequence"] == sequence);
+    let sound = session.ask();
+    sound.with_context(|| format!("the sound frame after: {what}"))?;
+    let mut lines = session.lines()?.into_iter().skip(before);
+    let used = lines.any(|line| line["sequence"] == sequence);
     ensure!(!used, "{what}: it was used");
     Ok(())
 }
@@ -135,9 +131,9 @@ fn hostile_headers(session: &mut Session) -> Outcome {
         spoil(&mut frame);
         are_not_used(session, what, frame)?;
     }
+    let count = spoils.len();
     Ok(format!(
-        "{} not used, each sound frame after them taken",
-        spoils.len()
+        "{count} not used, each sound frame after them taken"
     ))
 }
 
@@ -218,18 +214,15 @@ fn new_pipeline(session: &mut Session) -> Outcome {
     session.player = Some(Player::new(&tested.instance, &tested.options)?);
     let begun = Instant::now();
     session.first_frame()?;
-    Ok(format!(
-        "took a frame of the next one after {:?}",
-        begun.elapsed()
-    ))
+    let took = begun.elapsed();
+    Ok(format!("took a frame of the next one after {took:?}"))
 }
 
 fn places(session: &mut Session) -> Outcome {
     for kill in 1..=KILLS {
         session.tested.stop();
-        session
-            .ready()
-            .with_context(|| format!("after kill -9 number {kill}"))?;
+        let ready = session.ready();
+        ready.with_context(|| format!("after kill -9 number {kill}"))?;
     }
     Ok(format!("killed {KILLS} times, back each time"))
 }

@@ -1,14 +1,14 @@
 //! Plays a pipeline: a supervisor that describes the run, and a refiner's results with their scans.
 
-use anyhow::ensure;
 use bytemuck::Zeroable;
 use mluc_ipc_types::{
     Disposition, FrameHeader, NO_PROBABILITY, OBJECTS_MAX, Object, ObjectKind, POINTS_MAX, Point,
     RunDescription, Stage, Status, StatusState, Topic, WIRE_VERSION,
 };
-use mluc_runtime::{Instance, Output, Shell, monotonic_ns, random_run_id};
+use mluc_runtime::{Instance, Output, Shell, monotonic_ns};
 
 use crate::program::Options;
+use crate::suite::begin_run;
 
 /// Room for messages that break the contract: longer than its bounds.
 pub(super) const TOO_MANY_OBJECTS: usize = OBJECTS_MAX + 88;
@@ -29,9 +29,8 @@ impl Frame {
     pub(super) fn published_points(&self) -> Vec<u64> {
         let published = self.objects.iter().filter(|o| o.is_published());
         let has_points = u64::from(self.points.is_some());
-        published
-            .map(|o| has_points * u64::from(o.points_count))
-            .collect()
+        let counts = published.map(|o| has_points * u64::from(o.points_count));
+        counts.collect()
     }
 }
 
@@ -86,13 +85,8 @@ impl Player {
     }
 
     pub(super) fn begin_run(&mut self) -> anyhow::Result<()> {
-        (self.run.run_id, self.next) = (random_run_id(), 0);
-        let is_ours = self.shell.begin_run(&self.run)?;
-        ensure!(
-            is_ours,
-            "another process describes the run of this instance"
-        );
-        Ok(())
+        self.next = 0;
+        begin_run(&mut self.shell, &mut self.run)
     }
 
     fn header(&self, sequence: u64) -> FrameHeader {

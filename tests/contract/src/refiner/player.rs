@@ -5,10 +5,11 @@ use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, FrameHeader, Health, Object, POINTS_MAX, Point, RunDescription,
     Stage, Topic,
 };
-use mluc_runtime::{HealthWatch, Input, Instance, Output, Shell, monotonic_ns, random_run_id};
+use mluc_runtime::{HealthWatch, Input, Instance, Output, Shell, monotonic_ns};
 
 use crate::program::Options;
 use crate::refiner::scene::usual;
+use crate::suite::begin_run;
 
 /// Room for messages that break the contract: longer than its bounds.
 const TOO_MANY_DETECTIONS: usize = DETECTIONS_MAX + 88;
@@ -90,13 +91,8 @@ impl Player {
 
     /// Describes a new run, whose sequences begin at 0; gives its id.
     pub(crate) fn begin_run(&mut self) -> anyhow::Result<u64> {
-        self.run.run_id = random_run_id();
         self.next_sequence = 0;
-        let is_ours = self.shell.begin_run(&self.run)?;
-        anyhow::ensure!(
-            is_ours,
-            "another process describes the run of this instance"
-        );
+        begin_run(&mut self.shell, &mut self.run)?;
         Ok(self.run.run_id)
     }
 
@@ -131,9 +127,7 @@ impl Player {
     pub(crate) fn send_points(&mut self, frame: &Frame) -> anyhow::Result<()> {
         if let Some(mut header) = frame.points_header {
             stamp(&mut header, Stage::Ingest);
-            let mut loan = self.points.loan(&header, frame.points.len())?;
-            loan.elements_mut().copy_from_slice(&frame.points);
-            loan.publish()?;
+            self.points.send(&header, &frame.points)?;
         }
         Ok(())
     }

@@ -94,9 +94,8 @@ impl Session {
         wanted: impl Fn(&Health) -> bool,
     ) -> anyhow::Result<Health> {
         let since_ns = self.forget_heartbeats()?;
-        self.await_any(what, |player| {
-            Ok(player.health_since(since_ns)?.filter(&wanted))
-        })
+        let heard = |player: &mut Player| Ok(player.health_since(since_ns)?.filter(&wanted));
+        self.await_any(what, heard)
     }
 
     /// What its health says now: an older heartbeat may not yet count what happened before.

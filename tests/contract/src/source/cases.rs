@@ -113,10 +113,8 @@ fn restart(session: &mut Session) -> Outcome {
     let begun = Instant::now();
     session.start()?;
     session.checked_many(sent, 2)?;
-    Ok(format!(
-        "went on with scan {sent} after {:.1} s",
-        begun.elapsed().as_secs_f64()
-    ))
+    let seconds = begun.elapsed().as_secs_f64();
+    Ok(format!("went on with scan {sent} after {seconds:.1} s"))
 }
 
 fn wrong_version(session: &mut Session) -> Outcome {

@@ -3,7 +3,7 @@
 mod cases;
 mod player;
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, Result, ensure};
 use mluc_ipc_types::{Health, HealthState, Stage};
 
 use crate::program::{Options, Tested};
@@ -19,14 +19,14 @@ impl Suite for Session {
     const CASES: &'static [Case<Session>] = cases::CASES;
     const ASKS: &'static str = include_str!("asks.txt");
 
-    fn new(options: Options) -> anyhow::Result<Session> {
+    fn new(options: Options) -> Result<Session> {
         let tested = Tested::new(options)?;
         let player = Player::new(&tested.instance, &tested.options)?;
         Ok(Session { tested, player })
     }
 
     /// A new process in a new run, of which so far nothing was sent: inputs end.
-    fn ready(&mut self) -> anyhow::Result<()> {
+    fn ready(&mut self) -> Result<()> {
         self.tested.stop();
         self.player.begin_run()?;
         self.player.has_stages = true;
@@ -39,7 +39,7 @@ impl Suite for Session {
 }
 
 impl Session {
-    fn start(&mut self) -> anyhow::Result<()> {
+    fn start(&mut self) -> Result<()> {
         self.tested.start()?;
         let is_heard = |health: &Health| health.state <= HealthState::Degraded as u32;
         self.await_health("heartbeat of health/ingest in the run", is_heard)?;
@@ -48,11 +48,7 @@ impl Session {
     }
 
     /// Waits for a heartbeat of the run that fulfils `wanted`; `what` names it.
-    fn await_health(
-        &mut self,
-        what: &str,
-        wanted: impl Fn(&Health) -> bool,
-    ) -> anyhow::Result<Health> {
+    fn await_health(&mut self, what: &str, wanted: impl Fn(&Health) -> bool) -> Result<Health> {
         let Session { tested, player } = self;
         tested.await_any(what, |_| {
             player.tick()?;
@@ -61,7 +57,7 @@ impl Session {
         })
     }
 
-    fn next(&mut self) -> anyhow::Result<Scan> {
+    fn next(&mut self) -> Result<Scan> {
         let Session { tested, player } = self;
         tested.await_any("scan", |_| {
             player.tick()?;
@@ -70,7 +66,7 @@ impl Session {
     }
 
     /// The next scan, checked on its own.
-    fn checked(&mut self, sequence: u64) -> anyhow::Result<Scan> {
+    fn checked(&mut self, sequence: u64) -> Result<Scan> {
         let scan = self.next()?;
         let about = || format!("scan {}, awaited {sequence}", scan.header.sequence);
         scan.check(&self.player.run, sequence).with_context(about)?;
@@ -78,7 +74,7 @@ impl Session {
     }
 
     /// The next `count` scans from `first` on, checked; gives the last one.
-    fn checked_many(&mut self, first: u64, count: u64) -> anyhow::Result<Scan> {
+    fn checked_many(&mut self, first: u64, count: u64) -> Result<Scan> {
         let mut last = self.checked(first)?;
         for sequence in first + 1..first + count {
             let scan = self.checked(sequence)?;

@@ -8,11 +8,10 @@ use mluc_ipc_types::{
     Flags, FrameHeader, Health, HealthState, Point, RunDescription, Stage, Status, StatusState,
     Topic, WIRE_VERSION,
 };
-use mluc_runtime::{
-    HealthWatch, Input, Instance, Output, RuntimeError, Shell, monotonic_ns, random_run_id,
-};
+use mluc_runtime::{HealthWatch, Input, Instance, Output, RuntimeError, Shell, monotonic_ns};
 
 use crate::program::Options;
+use crate::suite::begin_run;
 
 /// Between two messages of the status.
 const PERIOD_NS: u64 = 100_000_000;
@@ -53,10 +52,8 @@ impl Scan {
             "without points: {is_empty}, flag empty: {is_said}"
         );
         let name = header.name();
-        ensure!(
-            !["", "?"].contains(&name),
-            "name: expected text, found '{name}'"
-        );
+        let is_named = !["", "?"].contains(&name);
+        ensure!(is_named, "name: expected text, found '{name}'");
         let own = header.stages[Stage::Ingest as usize];
         let stamps = [1, own.received_ns, own.started_ns, own.published_ns];
         ensure!(
@@ -118,12 +115,8 @@ impl Player {
     }
 
     pub(super) fn begin_run(&mut self) -> anyhow::Result<()> {
-        self.run.run_id = random_run_id();
+        begin_run(&mut self.shell, &mut self.run)?;
         (self.sent, self.answers) = (0, false);
-        ensure!(
-            self.shell.begin_run(&self.run)?,
-            "another process describes the run of this instance"
-        );
         while self.points.oldest()?.is_some() {}
         Ok(())
     }

@@ -121,10 +121,8 @@ impl Plan {
         export_with_progress(&request.export(Split::Train, scans, train_folder.clone()))?;
         let simulate_s = start.elapsed().as_secs_f64() / f64::from(scans);
         let files = std::fs::read_dir(train_folder.join("velodyne"))?;
-        let bytes: u64 = files
-            .flatten()
-            .filter_map(|f| Some(f.metadata().ok()?.len()))
-            .sum();
+        let files = files.flatten();
+        let bytes: u64 = files.filter_map(|f| Some(f.metadata().ok()?.len())).sum();
         // Of every point its instance too, 2 bytes beside 16.
         let scan_bytes = bytes / u64::from(scans) * 9 / 8;
         let settings = TrainSettings {
@@ -136,11 +134,8 @@ impl Plan {
         train(&settings)?;
         let train_s = begun.elapsed().as_secs_f64() / (steps as f64 * BATCH as f64);
         std::fs::remove_dir_all(&folder).context("the probe's folder")?;
-        Ok(Plan::fitted(
-            request,
-            [simulate_s, train_s, start.elapsed().as_secs_f64()],
-            scan_bytes,
-        ))
+        let times_s = [simulate_s, train_s, start.elapsed().as_secs_f64()];
+        Ok(Plan::fitted(request, times_s, scan_bytes))
     }
 
     /// As many scans as the time allows. A scan's time to simulate and to train on, and what the probe took, s.
@@ -213,10 +208,8 @@ mod tests {
             };
             let plan = Plan::fitted(request, [simulate_s, train_s, 30.0], 1_000_000);
             let all: f64 = plan.minutes().iter().sum();
-            assert!(
-                all <= 60.0 * hours && all > 57.0 * hours,
-                "{all} min: {plan:?}"
-            );
+            let is_filled = all <= 60.0 * hours && all > 57.0 * hours;
+            assert!(is_filled, "{all} min: {plan:?}");
         }
     }
 }

@@ -27,9 +27,8 @@ impl Figures {
             (name.to_owned(), labels, iou_min, percent)
         };
         let known = judgement.closed.known();
-        let mut rows: Vec<Row> = known
-            .map(|c| row(&c.rule.name, c, c.main().ap.all))
-            .collect();
+        let known = known.map(|c| row(&c.rule.name, c, c.main().ap.all));
+        let mut rows: Vec<Row> = known.collect();
         if let Some(class) = judgement.gated.unknown() {
             let main = class.main();
             rows.push(row("unknown, AP", class, main.ap.all));

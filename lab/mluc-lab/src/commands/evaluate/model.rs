@@ -86,23 +86,17 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         Variant::default().name(),
         arguments.refiner.name()
     );
-    let set = FrameSet::open(
-        &arguments.data,
-        arguments.split.as_deref(),
-        arguments.frames,
-    )?;
-    let set = arguments
-        .shard
-        .map_or(set.clone(), |shard| set.shard(shard));
+    let (split, shard) = (arguments.split.as_deref(), arguments.shard);
+    let set = FrameSet::open(&arguments.data, split, arguments.frames)?;
+    let set = shard.map_or(set.clone(), |shard| set.shard(shard));
     let settings = Settings {
         variant: arguments.refiner,
         ..Settings::default()
     };
     let precision = arguments.precision;
     let frames = if arguments.parts.is_empty() {
-        counted("network", set.names().len(), |step| {
-            detect_frames(precision, &model, &set, step)
-        })?
+        let detect = |step: &(dyn Fn() + Sync)| detect_frames(precision, &model, &set, step);
+        counted("network", set.names().len(), detect)?
     } else {
         read_parts(&arguments.parts, &model, precision, &set)?
     };

@@ -4,7 +4,7 @@ mod picture;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use mluc_dataset::{file_stems, read_scan};
 use mluc_evaluate::render;
@@ -40,7 +40,7 @@ pub(crate) struct SensorArguments {
     picture: Option<PathBuf>,
 }
 
-pub(crate) fn run(arguments: SensorArguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: SensorArguments) -> Result<()> {
     match (&arguments.profile, &arguments.input) {
         (Some(name), _) => show(&SensorProfile::load(name)?, arguments.picture.as_deref()),
         (None, Some(input)) => estimate(input, &arguments),
@@ -49,7 +49,7 @@ pub(crate) fn run(arguments: SensorArguments) -> anyhow::Result<()> {
 }
 
 /// What a profile says, and its picture.
-fn show(profile: &SensorProfile, picture: Option<&Path>) -> anyhow::Result<()> {
+fn show(profile: &SensorProfile, picture: Option<&Path>) -> Result<()> {
     let beams = &profile.elevations_deg;
     let [near_m, far_m] = profile.range_m;
     print_out(format_args!(
@@ -68,7 +68,7 @@ fn show(profile: &SensorProfile, picture: Option<&Path>) -> anyhow::Result<()> {
     })
 }
 
-fn estimate(input: &Path, arguments: &SensorArguments) -> anyhow::Result<()> {
+fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
     let files = scan_files(input)?;
     let wanted = files.len().min(arguments.scans as usize);
     let mut estimator = Estimator::new();
@@ -80,11 +80,8 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> anyhow::Result<()> {
         estimator.look(bytemuck::cast_slice(&points), not_finite);
     }
     let found = estimator.estimate().clone();
-    ensure!(
-        found.beams > 0,
-        "{}: no beams found in {wanted} scans",
-        input.display()
-    );
+    let path = input.display();
+    ensure!(found.beams > 0, "{path}: no beams found in {wanted} scans");
     let (name, other) = other_sensor(arguments.sensor.as_deref(), &found)?;
     print(&found, &name, &other)?;
     if let Some(path) = &arguments.out {
@@ -102,10 +99,7 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> anyhow::Result<()> {
 }
 
 /// The sensor to compare with: the given one, or the nearest product.
-fn other_sensor(
-    given: Option<&str>,
-    found: &SensorEstimate,
-) -> anyhow::Result<(String, SensorProfile)> {
+fn other_sensor(given: Option<&str>, found: &SensorEstimate) -> Result<(String, SensorProfile)> {
     if let Some(name) = given {
         return Ok((name.to_string(), SensorProfile::load(name)?));
     }
@@ -114,7 +108,7 @@ fn other_sensor(
 }
 
 /// The scans of an input, sorted.
-fn scan_files(input: &Path) -> anyhow::Result<Vec<PathBuf>> {
+fn scan_files(input: &Path) -> Result<Vec<PathBuf>> {
     if input.is_file() {
         return Ok(vec![input.to_path_buf()]);
     }
@@ -125,7 +119,7 @@ fn scan_files(input: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(files.collect())
 }
 
-fn print(found: &SensorEstimate, name: &str, other: &SensorProfile) -> anyhow::Result<()> {
+fn print(found: &SensorEstimate, name: &str, other: &SensorProfile) -> Result<()> {
     let text = |value: f32| value.to_string();
     let field_deg = [found.field_deg, other.field_deg.unwrap_or([0.0, 360.0])].map(|f| f[1]);
     let values = json!({

@@ -51,11 +51,8 @@ pub(super) fn findings(
     let found = estimator.estimate();
     let mut reasons = Vec::new();
     expected.judge(found, &mut reasons);
-    let mut findings = vec![
-        (Fine, about_scans(found)),
-        (Fine, about_beams(found)),
-        (Fine, about_mounting(found)),
-    ];
+    let told = [about_scans, about_beams, about_mounting];
+    let mut findings = Vec::from(told.map(|about| (Fine, about(found))));
     findings.push((Fine, about_model(expected)));
     findings.extend(reasons.iter().map(|reason| (Warning, reason.to_string())));
     if found.points == 0 {
@@ -101,9 +98,8 @@ fn about_beams(found: &SensorEstimate) -> String {
         Some(spacing) => format!("{} beams, {spacing:.2} degrees apart", found.beams),
         None => format!("no clear beams, about {}", found.beams),
     };
-    let step = found
-        .azimuth_step_deg
-        .map(|step| format!(", a column every {step:.2}"));
+    let step = found.azimuth_step_deg;
+    let step = step.map(|step| format!(", a column every {step:.2}"));
     let near = found.nearest().filter(|_| found.are_beams_clear);
     let near = near.map(|near| {
         let names = near.names.join(" or ");
@@ -146,9 +142,8 @@ fn about_model(expected: &Expected) -> String {
 
 /// The command for these scans.
 fn command(model: &str, input: &Path, found: &SensorEstimate, expected: &Expected) -> String {
-    let near = found
-        .nearest()
-        .filter(|near| found.are_beams_clear && near.distance_deg < NEAR_DEG);
+    let near = found.nearest().filter(|_| found.are_beams_clear);
+    let near = near.filter(|near| near.distance_deg < NEAR_DEG);
     let names = near.map(|near| near.names).unwrap_or_default();
     let sensor = match (expected.sensor(), &names[..]) {
         (Some(_), _) => " --sensor as given".to_string(),
@@ -158,8 +153,6 @@ fn command(model: &str, input: &Path, found: &SensorEstimate, expected: &Expecte
             format!(" --sensor {name}   (the same beams: {})", others.join(", "))
         }
     };
-    format!(
-        "mluc up --model {model} --input {}{sensor}",
-        input.display()
-    )
+    let input = input.display();
+    format!("mluc up --model {model} --input {input}{sensor}")
 }

@@ -55,9 +55,8 @@ impl Growth<'_> {
         joins: impl Fn(usize, usize) -> bool,
         members: &mut Vec<u32>,
     ) {
-        buckets.fill(self.around, reach_max_m, |i| {
-            i != self.seed && self.stands(i)
-        });
+        let stands = |i| i != self.seed && self.stands(i);
+        buckets.fill(self.around, reach_max_m, stands);
         members.clear();
         members.push(self.seed as u32);
         let mut next = 0;

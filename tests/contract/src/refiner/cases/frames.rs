@@ -90,10 +90,8 @@ pub(super) fn candidates(session: &mut Session) -> Outcome {
     let shifts = (0..DETECTIONS_MAX).map(|number| [number as f32 * 0.001, 0.0]);
     let on_one_spot = shifts.map(|shift_m| candidate(&CART, shift_m)).collect();
     let things: Vec<Thing> = (0..DETECTIONS_MAX).map(spread).collect();
-    let everywhere = things
-        .iter()
-        .map(|thing| candidate(thing, [0.2, 0.1]))
-        .collect();
+    let off = |thing: &Thing| candidate(thing, [0.2, 0.1]);
+    let everywhere = things.iter().map(off).collect();
     let all_known = things.iter().map(known).collect();
     let frames = [
         (scan(&[CART, CAR], 20_000), on_one_spot),
@@ -105,9 +103,8 @@ pub(super) fn candidates(session: &mut Session) -> Outcome {
 
 pub(super) fn points(session: &mut Session) -> Outcome {
     let shifts = (0..20).map(|number| number as f32 * 0.02);
-    let detections: Vec<_> = shifts
-        .map(|shift| candidate(&CART, [shift, -shift]))
-        .collect();
+    let off = |shift: f32| candidate(&CART, [shift, -shift]);
+    let detections: Vec<_> = shifts.map(off).collect();
     let scans = [
         scan(&[CART, CAR], POINTS_MAX),
         blob(&CART, POINTS_MAX),

@@ -138,12 +138,8 @@ pub(super) fn noise(session: &mut Session) -> Outcome {
         if seed % 3 != 0 {
             fill(&mut random, &mut frame.detections);
         }
-        answered.push(survives(
-            session,
-            &format!("noise of seed {seed}"),
-            frame,
-            |_| true,
-        )?);
+        let what = format!("noise of seed {seed}");
+        answered.push(survives(session, &what, frame, |_| true)?);
     }
     summary(&answered)
 }

@@ -52,9 +52,8 @@ pub(super) fn silence(session: &mut Session) -> Outcome {
     let begun = Instant::now();
     let mut longest = Duration::ZERO;
     while begun.elapsed() < SILENCE {
-        session
-            .tested
-            .check_alive("heartbeats while nothing came in")?;
+        let awaited = "heartbeats while nothing came in";
+        session.tested.check_alive(awaited)?;
         let heard_ns = session.player.heard_ns()?;
         let ago_ns = monotonic_ns().saturating_sub(heard_ns);
         longest = longest.max(Duration::from_nanos(ago_ns));

@@ -1,7 +1,7 @@
 //! Which run a frame belongs to, which sequences that run may have; a side that was built with another contract, or runs another model.
 
 use anyhow::{Context, ensure};
-use mluc_ipc_types::{Flags, WIRE_VERSION};
+use mluc_ipc_types::{Flags, Health, WIRE_VERSION};
 
 use super::Outcome;
 use crate::refiner::answer::is_flagged;
@@ -55,9 +55,8 @@ pub(super) fn new_run(session: &mut Session) -> Outcome {
     session.ask_usual()?;
     let old = session.player.usual();
     let id = session.player.begin_run()?;
-    session.await_health("heartbeat with the id of the new run", |health| {
-        health.run_id == id
-    })?;
+    let is_of_run = |health: &Health| health.run_id == id;
+    session.await_health("heartbeat with the id of the new run", is_of_run)?;
     session.ask_after("the new run began, from sequence 0")?;
     session.must_refuse("a frame of the run before", old)?;
     Ok("joined; sequences begin at 0; the run before is over".to_string())
