@@ -70,7 +70,7 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
     for (side, name) in sides.iter().zip(FOLDERS) {
         let report = side.report();
         is_flawed |= number(&report, "/frames/dropped") > Some(0.0);
-        folder::write(&out.join(name), &report, &side.frames, &[])?;
+        folder::write(&out.join(name), &report, &side.frames)?;
     }
     let folders = FOLDERS.map(|name| out.join(name));
     let names = sides.each_ref().map(|side| side.name.as_str());
