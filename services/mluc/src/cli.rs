@@ -212,7 +212,7 @@ pub(crate) struct PipelineArgs {
     #[arg(long, value_name = "STAGE", value_parser = Stage::ALL.map(Stage::name))]
     #[serde(skip)]
     pub(crate) without: Vec<String>,
-    /// Threads of one stage, STAGE=N [default: backbone=2, others 1].
+    /// Threads of one stage, STAGE=N [default: backbone and head 2, others 1].
     #[arg(long, value_name = "STAGE=N", value_parser = stage_threads)]
     #[serde(skip)]
     pub(crate) threads: Vec<(Stage, u16)>,

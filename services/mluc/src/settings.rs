@@ -27,8 +27,8 @@ const BUDGET_MS: u64 = 200;
 const TOLERANCE_MS: u64 = 50;
 /// Enough for a scan that is set aside after its second kill, and for the next one. A guess.
 const RESTART_LIMIT: u32 = 5;
-/// Threads of the backbone: two cores, which the other stages share.
-const BACKBONE_THREADS: usize = 2;
+/// Threads of backbone and head: two cores, which the other stages share.
+const NETWORK_THREADS: usize = 2;
 
 /// When the next frame enters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
@@ -212,8 +212,10 @@ pub struct Stages {
 
 impl Default for Stages {
     fn default() -> Stages {
-        let [ingest, mut backbone, head, refiner] = Stage::ALL.map(|_| StageSettings::default());
-        backbone.threads = BACKBONE_THREADS;
+        let [ingest, mut backbone, mut head, refiner] =
+            Stage::ALL.map(|_| StageSettings::default());
+        backbone.threads = NETWORK_THREADS;
+        head.threads = NETWORK_THREADS;
         Stages {
             ingest,
             backbone,
