@@ -13,7 +13,7 @@ pub use inputs::{
 };
 pub use outside::{
     PaperFrame, cpp_example, data_folder, feature_map, oracle, paper_frames, paper_network,
-    python_example, python_with, rms, skip,
+    python_example, python_script, python_with, rms, skip,
 };
 pub use running::{
     Finished, Running, assert_has, built_program, is_alive, leftovers, mluc_program, send_signal,

@@ -51,12 +51,16 @@ pub fn python_with(packages: &str) -> Option<PathBuf> {
     None
 }
 
-/// The command of a Python example, of the refiner for instance; `None`, said: Python or its packages are not there.
-pub fn python_example(kind: &str) -> Option<Vec<String>> {
+/// The command of a Python script over the module mluc; `None`, said: Python or its packages are not there.
+pub fn python_script(path: &str) -> Option<Vec<String>> {
     let python = python_with("iceoryx2, numpy, mcap_ros2, websockets")?;
-    let script = root().join(format!("examples/{kind}-python/{kind}.py"));
-    let words = [python, script].map(|path| path.display().to_string());
+    let words = [python, root().join(path)].map(|path| path.display().to_string());
     Some(words.to_vec())
+}
+
+/// The same of an example, of the refiner for instance.
+pub fn python_example(kind: &str) -> Option<Vec<String>> {
+    python_script(&format!("examples/{kind}-python/{kind}.py"))
 }
 
 /// A C++ example's command; `None`, said: it was not built.

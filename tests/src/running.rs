@@ -22,7 +22,7 @@ pub fn built_program(name: &str) -> PathBuf {
     assert!(
         program.exists(),
         "{} is missing: run `cargo test --workspace`, or build it with the same profile first (`cargo build -p mluc -p \
-         mluc-contract --bins --examples`)",
+         mluc-contract --bins`)",
         program.display()
     );
     program

@@ -5,33 +5,21 @@ use std::process::Command;
 use std::time::Duration;
 
 use mluc_tests::{
-    Running, Setting, built_program, cpp_example, leftovers, mluc_program, python_example, root,
+    Running, Setting, cpp_example, leftovers, mluc_program, python_example, python_script, root,
     send_signal,
 };
 use rustix::process::Signal;
 
-/// The refiner of the tests, with a fault or `sound`.
-fn own_refiner(fault: &str) -> Vec<String> {
-    let program = built_program("examples/wrong_refiner");
-    vec![program.display().to_string(), fault.to_string()]
-}
-
-/// Those that are there: the one of the tests always.
+/// Those that are there.
 fn foreign_refiners() -> Vec<Vec<String>> {
-    let all = std::iter::once(own_refiner("sound"));
-    all.chain(examples()).collect()
-}
-
-/// Of others, those that are there.
-fn examples() -> impl Iterator<Item = Vec<String>> {
-    let others = [python_example("refiner"), cpp_example("refiner")];
-    others.into_iter().flatten()
+    let examples = [python_example("refiner"), cpp_example("refiner")];
+    examples.into_iter().flatten().collect()
 }
 
 #[test]
 fn the_examples_pass_the_suite() {
     let setting = Setting::new("suite", 0);
-    for command in examples() {
+    for command in foreign_refiners() {
         let mut suite = Command::new(mluc_program());
         suite.args(["refiner-test", "--patience-s", "20", "--model"]);
         suite.arg(&setting.model).arg("--").args(&command);
@@ -167,9 +155,13 @@ fn a_refiner_that_outlives_three_runs_loses_no_frame() {
 /// version.
 #[test]
 fn hostile_sequences_silence_nobody() {
+    let Some(mut command) = python_script("tests/contract/tests/wrong_refiner.py") else {
+        return;
+    };
+    command.push("hostile".to_string());
     let setting = Setting::new("hostile", 6);
     let run = up_without_refiner(&setting, "");
-    let refiner = start_by_hand(&setting, &own_refiner("hostile"));
+    let refiner = start_by_hand(&setting, &command);
     let run = run.finish();
     end_by_hand(refiner);
     run.assert_complete(0, 6);

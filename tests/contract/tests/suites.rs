@@ -4,7 +4,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use mluc_tests::{
-    Finished, Running, Setting, built_program, cpp_example, python_example, untrained_model,
+    Finished, Running, Setting, cpp_example, python_example, python_script, untrained_model,
 };
 use serde_json::Value;
 
@@ -76,10 +76,12 @@ fn the_examples_pass() {
 }
 
 /// A sound program passes; one with each of `faults` (what is wrong, the case that must find it, words of the reason) does not.
-/// `program`: what starts it, before the fault's name.
-fn is_found_out(kind: &str, program: &[String], faults: &str) {
+fn is_found_out(kind: &str, faults: &str) {
+    let Some(script) = python_script(&format!("tests/contract/tests/wrong_{kind}.py")) else {
+        return;
+    };
     let of = |fault: &str, options: &[&str]| {
-        suite_of(kind, options, &[program, &[fault.to_string()]].concat())
+        suite_of(kind, options, &[&script[..], &[fault.to_string()]].concat())
     };
     let (code, report) = of("sound", &[]);
     let found = (code, &report["failed"]);
@@ -100,27 +102,17 @@ fn is_found_out(kind: &str, program: &[String], faults: &str) {
 
 #[test]
 fn a_refiner_with_a_fault_is_found_out() {
-    let program = built_program("examples/wrong_refiner");
-    let program = program.display().to_string();
-    is_found_out("refiner", &[program], include_str!("faults_refiner.txt"));
-}
-
-/// Sources and consumers: the same in Python.
-fn script_is_found_out(kind: &str, faults: &str) {
-    if let Some(example) = python_example(kind) {
-        let script = format!("{}/tests/wrong_{kind}.py", env!("CARGO_MANIFEST_DIR"));
-        is_found_out(kind, &[example[0].clone(), script], faults);
-    }
+    is_found_out("refiner", include_str!("faults_refiner.txt"));
 }
 
 #[test]
 fn a_source_with_a_fault_is_found_out() {
-    script_is_found_out("source", include_str!("faults_source.txt"));
+    is_found_out("source", include_str!("faults_source.txt"));
 }
 
 #[test]
 fn a_consumer_with_a_fault_is_found_out() {
-    script_is_found_out("consumer", include_str!("faults_consumer.txt"));
+    is_found_out("consumer", include_str!("faults_consumer.txt"));
 }
 
 #[test]
