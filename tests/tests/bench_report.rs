@@ -85,7 +85,7 @@ fn the_page_works_offline(page: &str) {
     for outside in ["http:", "https:", "<script", "<link", "<img", "url("] {
         assert!(!page.contains(outside), "{outside}");
     }
-    assert_eq!(page.matches("<svg").count(), 4);
+    assert_eq!(page.matches("<svg").count(), 3);
     let warns = page.contains("never trained");
     assert!(warns, "the warning stands on the page itself");
 }

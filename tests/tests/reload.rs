@@ -14,7 +14,7 @@ fn all_stages_take_new_thresholds_from_one_frame_on_and_wrong_ones_change_nothin
     for (text, code, words) in [
         ("min_score = 2.0", 2, "min_score must be 0 to 1, found 2"),
         ("unknown_min = 0.5", 2, "unknown_min: expected a model with"),
-        ("stages.head.threads = 2", 2, "threads cannot change"),
+        ("stages.head.threads = 3", 2, "threads cannot change"),
         ("lambda = 0.0\nmin_score = 1.0", 0, "on: lambda, min_score"),
         ("min_score = 1.0\nlambda = 0.0", 0, "nothing has changed"),
     ] {
