@@ -4,6 +4,7 @@ use super::terminal::{at_least_one, counted, print_err, write_out};
 use clap::Args;
 use mluc_dataset::Dataset;
 use mluc_evaluate::pipeline::folder_tail;
+use mluc_lab::exchange::empty_objectness_max;
 use mluc_model::{Model, model_bytes};
 use mluc_train::quantize::{Calibrated, calibrate, evenly};
 use std::path::{Path, PathBuf};
@@ -55,7 +56,11 @@ pub(super) fn quantized(
     let folder = folder_tail(&data.canonicalize().unwrap_or(data.to_owned()));
     let (count, all) = (frames.len(), dataset.names().len());
     let describe = format!("{count} of {all} frames of {folder}");
-    Ok(counted("ranges", count, |step| {
+    let mut calibrated = counted("ranges", count, |step| {
         calibrate(model, dataset, &frames, &describe, step)
-    })?)
+    })?;
+    // Of weights that are a mean of others nobody has told it yet.
+    let empty = empty_objectness_max(&calibrated.manifest, &calibrated.weights)?;
+    calibrated.manifest.empty_objectness_max = empty;
+    Ok(calibrated)
 }

@@ -49,15 +49,19 @@ pub fn import(bytes: &[u8], second: Manifest) -> anyhow::Result<Imported> {
     let Some(json) = &checkpoint.manifest else {
         let mut imported = fill(second, checkpoint)?;
         let (manifest, weights) = (&imported.manifest, &imported.weights);
-        let rows = Backbone::new(manifest, weights)?.empty_rows()?;
-        let empty_score = Head::new(manifest, weights)?.objectness_max(&rows);
-        imported.manifest.empty_objectness_max = empty_score;
+        imported.manifest.empty_objectness_max = empty_objectness_max(manifest, weights)?;
         // Refuses a network that sees things where nothing is.
         Head::new(&imported.manifest, &imported.weights)?;
         return Ok(imported);
     };
     let manifest = serde_json::from_str(json).context("the manifest in the file's metadata")?;
     fill(manifest, checkpoint)
+}
+
+/// The largest objectness that a network gives to a scan without points.
+pub fn empty_objectness_max(manifest: &Manifest, weights: &WeightSet) -> anyhow::Result<f32> {
+    let rows = Backbone::new(manifest, weights)?.empty_rows()?;
+    Ok(Head::new(manifest, weights)?.objectness_max(&rows))
 }
 
 fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> anyhow::Result<Imported> {
