@@ -126,8 +126,11 @@ impl ModelGate {
         if is_generic && !is_unknown {
             return None;
         }
-        let kinds = [DetectionKind::Known, DetectionKind::Candidate];
-        let kind = kinds[usize::from(is_unknown)];
+        let kind = if is_unknown {
+            DetectionKind::Candidate
+        } else {
+            DetectionKind::Known
+        };
         let eds = match self {
             // The paper's refiner ranks by 1 / EDS: there the box carries this gate's rank.
             ModelGate::Softmax => 1.0 / self.rank(detection).max(1e-6),
