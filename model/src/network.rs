@@ -63,6 +63,9 @@ pub struct SparseLayer {
     pub name: String,
     /// Output sites = input sites; else a site exists where any input lies in its window.
     pub submanifold: bool,
+    /// A strided layer has the sites floor(input site / stride) alone, as in the Minkowski Engine: fewer than the windows that hold one.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub floor_sites: bool,
     /// Taps.
     pub kernel: [usize; 3],
     /// 1 for submanifold.
@@ -171,6 +174,10 @@ pub struct Network {
     /// Sizes of anchors without a class, which only [`HeadKind::Open`] has.
     #[serde(default, skip_serializing_if = "is_default")]
     pub generic: usize,
+    /// The first so many bird's-eye layers also compute the cells around those that the layer before computed; the others
+    /// compute the same cells, and the rest is the empty scene's. `None`: all do, as a dense network.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub halo_layers: Option<usize>,
 }
 
 impl Network {

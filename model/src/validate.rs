@@ -234,6 +234,11 @@ impl Network {
         let is_open = self.head == HeadKind::Open;
         let most = if is_open { GENERIC_MAX } else { 0 };
         within("network.generic", self.generic, 0, most)?;
+        let layers = self.block1.len() + self.block2.len();
+        let halo_layers = self.halo_layers.unwrap_or(layers);
+        // The layer of stride 2 has other cells than the one before.
+        let least = self.block1.len() + 1;
+        within("network.halo_layers", halo_layers, least, layers)?;
         self.validate_names()
     }
 
@@ -280,6 +285,14 @@ impl SparseLayer {
             let same = !self.submanifold || (kernel == 2 * padding + 1 && self.stride[axis] == 1);
             let expected = "submanifold with stride 1, odd kernel, padding kernel / 2";
             require(same, field, expected, format_args!("{self:?}"))?;
+            let is_read = !self.submanifold && kernel >= self.stride[axis] + padding;
+            let expected = "a strided kernel that reaches every site, or no floor_sites";
+            require(
+                is_read || !self.floor_sites,
+                field,
+                expected,
+                format_args!("{self:?}"),
+            )?;
         }
         Ok(())
     }

@@ -39,6 +39,12 @@ impl CellSet {
         self.write_list();
     }
 
+    /// Becomes the cells of `other`, on a map of the same shape.
+    pub(crate) fn assign_same(&mut self, other: &CellSet) {
+        self.words.copy_from_slice(&other.words);
+        self.list.clone_from(&other.list);
+    }
+
     pub(crate) fn assign_all(&mut self) {
         let [rows, columns] = self.shape;
         self.assign((0..rows * columns).map(|cell| [cell / columns, cell % columns]));

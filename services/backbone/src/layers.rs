@@ -48,12 +48,13 @@ impl<V: Value> Layers<V> {
         let shape = network.map_shape();
         let sparse = SparsePart::new(manifest, weights, &scale)?;
         let map_scale = sparse.scale().repeated(sparse.sites().shape()[0]);
-        let block = |layers: &[DenseLayer], reads_sparse_map: bool, mut before: MapRows| {
+        let halo_layers = network.halo_layers.unwrap_or(usize::MAX);
+        let block = |layers: &[DenseLayer], first: usize, mut before: MapRows| {
             let mut block: Vec<PlaneLayer<V>> = Vec::with_capacity(layers.len());
-            for layer in layers {
+            for (number, layer) in (first..).zip(layers) {
                 let own = scale(&layer.name, layer.cout)?;
-                let reads_sparse_map = reads_sparse_map && block.is_empty();
-                let layer = PlaneLayer::new(layer, weights, &before, own, reads_sparse_map)?;
+                let has_halo = number < halo_layers;
+                let layer = PlaneLayer::new(layer, weights, &before, own, number == 0, has_halo)?;
                 before = layer.output.clone();
                 block.push(layer);
             }
@@ -65,8 +66,8 @@ impl<V: Value> Layers<V> {
             // The map of an empty scene is 0.
             empty_response: vec![0.0; network.map_channels()],
         };
-        let (block1, end1) = block(&network.block1, true, map)?;
-        let (block2, end2) = block(&network.block2, false, end1.clone())?;
+        let (block1, end1) = block(&network.block1, 0, map)?;
+        let (block2, end2) = block(&network.block2, network.block1.len(), end1.clone())?;
         let mut layers = Layers {
             sparse,
             map: vec![V::default(); shape[0] * shape[1] * network.map_channels()],

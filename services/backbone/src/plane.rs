@@ -3,7 +3,7 @@
 //! Far from any point a layer's output is its response to an empty scene: constant but for the zero padding's influence
 //! near the border. That response is computed once. A frame then computes the cells that read a cell which its input
 //! layer computed; neighbours outside read the stored response. The result equals the dense one: bit for bit, in f32 by
-//! tiles up to rounding.
+//! tiles up to rounding. A network with `halo_layers` computes no further cells after so many layers.
 
 use mluc_kernels::{ABSENT, Gather, Tiled, WeightsWinograd, WinogradTiles, convolve_winograd};
 use mluc_model::{DenseLayer, Folded, WeightSet};
@@ -18,9 +18,9 @@ use crate::quant_scale::QuantScale;
 /// Which cells of the bird's-eye layers are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Coverage {
-    /// Those that can differ from the empty scene.
+    /// Those that can differ from the empty scene, as far as the network's halo reaches.
     Active,
-    /// All: slower, the same result. For tests and for the stored responses.
+    /// All: slower; the same result where the halo has no end. For tests and for the stored responses.
     Everywhere,
 }
 
@@ -48,6 +48,8 @@ pub(crate) struct PlaneLayer<V: Value> {
     pub(crate) active: CellSet,
     convolution: Convolution<V>,
     stride: usize,
+    /// Computes the cells around those of its input as well.
+    has_halo: bool,
     input_shape: [usize; 2],
     /// Cells of the input that are not active are zero: their taps need not be computed.
     input_zero_elsewhere: bool,
@@ -67,13 +69,15 @@ struct ByTiles<I: Tiled> {
 
 impl<V: Value> PlaneLayer<V> {
     /// `input`: what it reads; `scale`: of its own values. `reads_sparse_map`: its input is zero where no site lies; what is
-    /// left of the direct sum when zeros are skipped is less than tiles would take.
+    /// left of the direct sum when zeros are skipped is less than tiles would take. `has_halo`: it computes every cell that
+    /// reads one of its input's, not those cells alone.
     pub(crate) fn new(
         layer: &DenseLayer,
         weights: &WeightSet,
         input: &MapRows,
         scale: QuantScale,
         reads_sparse_map: bool,
+        has_halo: bool,
     ) -> Result<PlaneLayer<V>> {
         let folded = Folded::dense(weights, layer)?;
         let empty_response = response(&folded, &input.empty_response);
@@ -100,6 +104,7 @@ impl<V: Value> PlaneLayer<V> {
                 empty_response,
             },
             stride: layer.stride,
+            has_halo,
             input_shape: input.shape,
             input_zero_elsewhere: reads_sparse_map,
             empty: values.clone(),
@@ -115,7 +120,10 @@ impl<V: Value> PlaneLayer<V> {
     pub(crate) fn run(&mut self, input: &[V], input_active: &CellSet, coverage: Coverage) {
         std::mem::swap(&mut self.active, &mut self.previous);
         match coverage {
-            Coverage::Active => self.active.assign_readers(input_active, self.stride),
+            Coverage::Active if self.has_halo => {
+                self.active.assign_readers(input_active, self.stride);
+            }
+            Coverage::Active => self.active.assign_same(input_active),
             Coverage::Everywhere => self.active.assign_all(),
         }
         let channels = self.convolution.cout();

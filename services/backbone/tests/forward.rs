@@ -3,7 +3,9 @@
 
 mod common;
 
-use common::{backbone, check_coverage, manifest, scan, written};
+use std::collections::{BTreeMap, BTreeSet};
+
+use common::{backbone, calibrated, check_coverage, manifest, scan, written};
 use mluc_backbone::{Backbone, BackboneError, Coverage, Level, Precision};
 use mluc_model::formula_weights;
 use mluc_train::quantize::measure_ranges;
@@ -27,6 +29,60 @@ fn active_cells_give_the_dense_result_and_absent_cells_the_empty_scene() -> Fall
             absent += cells - active;
         }
         assert!(absent > 1000, "the scans leave cells uncomputed: {absent}");
+    }
+    Ok(())
+}
+
+/// Of a frame: each level's values by its name, and the cells of block2 that were computed.
+fn levels(
+    backbone: &mut Backbone,
+    blobs: usize,
+) -> Fallible<(BTreeMap<String, Vec<f32>>, BTreeSet<usize>)> {
+    let mut levels = BTreeMap::new();
+    let observe = &mut |level: Level| {
+        levels.insert(level.name.to_owned(), level.values.to_vec());
+    };
+    backbone.run_observed(&scan(blobs, "halo"), Coverage::Active, observe);
+    let columns = backbone.map_shape()[1];
+    let (cells, _) = backbone.last_rows()?;
+    let cells = cells.iter().map(|cell| *cell as usize);
+    let halved = cells.map(|cell| cell / columns / 2 * (columns / 2) + cell % columns / 2);
+    Ok((levels, halved.collect()))
+}
+
+#[test]
+fn after_the_halo_a_layer_computes_the_cells_of_the_layer_before() -> Fallible {
+    let mut manifest = manifest();
+    let [last, next] = [0, 1].map(|number| manifest.network.block2[number].name.clone());
+    for precision in Precision::ALL {
+        manifest.network.halo_layers = None;
+        let weights = calibrated(&manifest);
+        let build = |manifest: &_| Backbone::with_precision(manifest, &weights, precision);
+        let (dense, every_cell) = levels(&mut build(&manifest)?, 2)?;
+        manifest.network.halo_layers = Some(manifest.network.block1.len() + 1);
+        let mut limited = build(&manifest)?;
+        let [rows, columns] = limited.map_shape().map(|edge| edge / 2);
+        let (found, cells) = levels(&mut limited, 2)?;
+        assert!(cells.len() < every_cell.len() && cells.is_subset(&every_cell));
+        assert_eq!(dense[&last], found[&last]);
+        let row = |values: &[f32], cell: usize| {
+            let channels = values.len() / (rows * columns);
+            values[cell * channels..][..channels].to_vec()
+        };
+        let (empty, _) = levels(&mut limited, 0)?;
+        let mut inner = 0;
+        for cell in 0..rows * columns {
+            let (y, x) = (cell / columns, cell % columns);
+            let around = [y.max(1) - 1, y, (y + 1).min(rows - 1)]
+                .map(|y| [x.max(1) - 1, x, (x + 1).min(columns - 1)].map(|x| y * columns + x));
+            if !cells.contains(&cell) {
+                assert_eq!(row(&found[&next], cell), row(&empty[&next], cell));
+            } else if around.iter().flatten().all(|cell| cells.contains(cell)) {
+                assert_eq!(row(&found[&next], cell), row(&dense[&next], cell));
+                inner += 1;
+            }
+        }
+        assert!(inner > 10, "{inner}");
     }
     Ok(())
 }
