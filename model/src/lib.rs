@@ -32,4 +32,6 @@ pub use tensors::{
     BASELINE, CLUSTER_SCORER, CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS, Tensor, WeightSet,
     calibration_tensor, expected_tensors,
 };
-pub use validate::{BOXES_MAX, CLASSES_MAX, FEATURE_CHANNELS_MAX, MAP_CELLS_MAX, VOXELS_MAX};
+pub use validate::{
+    BOXES_MAX, CLASSES_MAX, FEATURE_CHANNELS_MAX, KERNEL_MAX, MAP_CELLS_MAX, VOXELS_MAX,
+};

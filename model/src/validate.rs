@@ -25,6 +25,8 @@ pub const VOXELS_MAX: u32 = 131_072;
 const CANDIDATES_MAX: u32 = 16_384;
 /// Anchors without a class.
 const GENERIC_MAX: usize = 8;
+/// Taps of a sparse layer along an axis.
+pub const KERNEL_MAX: usize = 7;
 /// Channels of any layer.
 const CHANNELS_MAX: usize = 1024;
 /// Layers of any part.
@@ -276,7 +278,7 @@ impl SparseLayer {
         for axis in 0..3 {
             let (kernel, padding) = (self.kernel[axis], self.padding[axis]);
             let kernel_field = format!("{field}.kernel[{axis}]");
-            within(&kernel_field, kernel, 1, 7)?;
+            within(&kernel_field, kernel, 1, KERNEL_MAX)?;
             within(&format!("{field}.stride[{axis}]"), self.stride[axis], 1, 4)?;
             within(&format!("{field}.padding[{axis}]"), padding, 0, kernel - 1)?;
             let fits = input[axis] + 2 * padding >= kernel;

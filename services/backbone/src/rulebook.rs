@@ -4,7 +4,7 @@
 //! (kz, ky, kx) order, the order of the weights.
 
 use mluc_kernels::{ABSENT, Gather, at_best};
-use mluc_model::SparseLayer;
+use mluc_model::{KERNEL_MAX, SparseLayer};
 use rayon::prelude::*;
 
 use crate::sites::{Sites, even_bits};
@@ -90,48 +90,50 @@ pub(crate) fn gather(layer: &SparseLayer, input: &Sites, output: &Sites, table: 
         .for_each(|(rows, sites)| {
             at_best(
                 #[inline(always)]
-                || {
-                    for (row, site) in rows.chunks_exact_mut(layer.taps()).zip(sites) {
-                        look_up(layer, input, *site, row);
-                    }
-                },
+                || look_up(layer, input, sites, rows),
             )
         });
 }
 
-/// One output site's taps, inlined down to the population count. The usual widths are spelt out: with a constant length the loop over a row of taps unrolls.
+/// The taps of output sites, inlined down to the population count. Those in an x-row read the same x-rows of the input.
 #[inline(always)]
-fn look_up(layer: &SparseLayer, input: &Sites, site: [u16; 3], taps: &mut [u32]) {
-    match layer.kernel[2] {
-        1 => look_up_rows(layer, input, site, rows_of::<1>(taps)),
-        3 => look_up_rows(layer, input, site, rows_of::<3>(taps)),
-        width => look_up_rows(layer, input, site, taps.chunks_exact_mut(width)),
+fn look_up(layer: &SparseLayer, input: &Sites, sites: &[[u16; 3]], taps: &mut [u32]) {
+    let origin = |site: [u16; 3], i: usize| {
+        usize::from(site[i]) as isize * layer.stride[i] as isize - layer.padding[i] as isize
+    };
+    let [depth, height, width] = layer.kernel;
+    let mut x_rows = [None; KERNEL_MAX * KERNEL_MAX];
+    let mut before = None;
+    for (taps, &site) in taps.chunks_exact_mut(layer.taps()).zip(sites) {
+        let [z, y, x] = [0, 1, 2].map(|i| origin(site, i));
+        if before.replace([z, y]) != Some([z, y]) {
+            for (number, x_row) in x_rows[..depth * height].iter_mut().enumerate() {
+                let step = [number / height, number % height].map(|step| step as isize);
+                *x_row = input.x_row(z + step[0], y + step[1]);
+            }
+        }
+        // The usual widths are spelt out: with a constant length the loop over a row of taps unrolls.
+        match width {
+            1 => look_along::<1>(input, &x_rows, x, taps),
+            3 => look_along::<3>(input, &x_rows, x, taps),
+            _ => {
+                let taps = taps.chunks_exact_mut(width);
+                (taps.zip(&x_rows)).for_each(|(taps, row)| input.look_along(*row, x, taps));
+            }
+        }
     }
 }
 
 #[inline(always)]
-fn rows_of<const WIDTH: usize>(taps: &mut [u32]) -> impl Iterator<Item = &mut [u32]> {
-    let (rows, _) = taps.as_chunks_mut::<WIDTH>();
-    rows.iter_mut().map(|row| &mut row[..])
-}
-
-#[inline(always)]
-fn look_up_rows<'a>(
-    layer: &SparseLayer,
+fn look_along<const WIDTH: usize>(
     input: &Sites,
-    site: [u16; 3],
-    mut rows: impl Iterator<Item = &'a mut [u32]>,
+    x_rows: &[Option<usize>],
+    x: isize,
+    taps: &mut [u32],
 ) {
-    let origin = |i: usize| {
-        usize::from(site[i]) as isize * layer.stride[i] as isize - layer.padding[i] as isize
-    };
-    let (z, y, x) = (origin(0), origin(1), origin(2));
-    for z in z..z + layer.kernel[0] as isize {
-        for y in y..y + layer.kernel[1] as isize {
-            if let Some(row) = rows.next() {
-                input.look_along([z, y, x], row);
-            }
-        }
+    let (taps, _) = taps.as_chunks_mut::<WIDTH>();
+    for (taps, row) in taps.iter_mut().zip(x_rows) {
+        input.look_along(*row, x, taps);
     }
 }
 

@@ -162,17 +162,21 @@ impl Sites {
         self.sites_before[word] + (self.words[word] & (bit - 1)).count_ones()
     }
 
-    /// Row numbers of `found.len()` (at most 64) cells of an x-row from `x` on, which may begin and end off the grid;
-    /// [`ABSENT`] where there is no site. After [`Sites::finish`].
-    #[inline(always)]
-    pub(crate) fn look_along(&self, [z, y, x]: [isize; 3], found: &mut [u32]) {
+    /// Where the words of an x-row begin; `None` off the grid.
+    pub(crate) fn x_row(&self, z: isize, y: isize) -> Option<usize> {
         // As unsigned numbers, those below 0 are beyond the grid.
-        if z as usize >= self.shape[0] || y as usize >= self.shape[1] || x >= self.shape[2] as isize
-        {
+        let is_inside = (z as usize) < self.shape[0] && (y as usize) < self.shape[1];
+        is_inside.then(|| (z as usize * self.shape[1] + y as usize) * self.words_per_row)
+    }
+
+    /// Row numbers of `found.len()` (at most 64) cells of an [`Sites::x_row`] from `x` on, which may begin and end off the
+    /// grid; [`ABSENT`] where there is no site. After [`Sites::finish`].
+    #[inline(always)]
+    pub(crate) fn look_along(&self, x_row: Option<usize>, x: isize, found: &mut [u32]) {
+        let Some(row) = x_row.filter(|_| x < self.shape[2] as isize) else {
             return found.iter_mut().for_each(|found| *found = ABSENT);
-        }
+        };
         let skipped = (-x).max(0) as usize;
-        let row = (z as usize * self.shape[1] + y as usize) * self.words_per_row;
         let (word, shift) = (row + x.max(0) as usize / 64, x.max(0) as usize % 64);
         let present = self.words[word];
         let mut bits = present >> shift;
@@ -238,7 +242,7 @@ mod tests {
             for x in -4..134 {
                 for width in [1, 3, 7] {
                     let mut found = vec![7; width];
-                    sites.look_along([z, y, x], &mut found);
+                    sites.look_along(sites.x_row(z, y), x, &mut found);
                     let expected = (x..).map(|x| index_of([z, y, x])).take(width);
                     assert_eq!(found, expected.collect::<Vec<_>>());
                 }
