@@ -56,11 +56,7 @@ fn damaged_scans_are_flagged_and_the_next_one_comes() {
 #[test]
 fn a_scan_that_kills_a_stage_twice_is_set_aside_and_named() {
     let setting = Setting::new("poison", 4);
-    let poison = setting.input.join("000002.bin");
-    fs::remove_file(&poison).expect("it was there");
-    // Whoever opens a pipe that nobody writes to hangs.
-    let made = Command::new("mkfifo").arg(&poison).status();
-    assert!(made.expect("mkfifo starts").success());
+    setting.write_hanging_scan("000002");
     let run = setting.run(&setting.config("[stages.ingest]\nstart_max_ms = 4000\n"));
     run.assert_complete(3, 4);
     let named = "set aside, because stages died of them: 1 (000002)";
