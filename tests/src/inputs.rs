@@ -12,6 +12,7 @@ use tempfile::TempDir;
 use crate::running::{Finished, Running, leftovers, mluc_program, unique_instance};
 use mluc_dataset::scan_bytes;
 use mluc_model::{Grid, Manifest, Network, formula_weights, model_bytes};
+use mluc_runtime::{Instance, Shell, Shutdown};
 
 /// A calibration of KITTI's axes at the sensor, without a camera.
 pub const NO_CAMERA: &str = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
@@ -143,6 +144,27 @@ impl Setting {
     pub fn stage(&self, name: &str, instance: &str) -> Running {
         let words = format!("stage {name} --instance {instance} --pace complete");
         Running::start(&mut self.command(&words))
+    }
+
+    /// A scan that hangs whoever opens it: a pipe that nobody writes to.
+    pub fn write_hanging_scan(&self, name: &str) {
+        let path = self.input.join(format!("{name}.bin"));
+        fs::remove_file(&path).expect("it was there");
+        let made = Command::new("mkfifo").arg(&path).status();
+        assert!(made.expect("mkfifo starts").success());
+    }
+
+    /// One that looks on.
+    pub fn observer(&self) -> Shell {
+        let instance = Instance::new(&self.instance).expect("a name");
+        Shell::observer(&instance, None, Shutdown::manual()).expect("it runs")
+    }
+
+    /// `mluc replay` of a recording with options as on a command line, to its end.
+    pub fn replay(&self, path: &str, options: &str) -> Finished {
+        let instance = unique_instance("replay");
+        let words = format!("replay --input {path} --instance {instance} {options}");
+        Running::mluc(words.split_whitespace()).finish()
     }
 
     /// Where [`Setting::bench`] has its report written.

@@ -237,6 +237,15 @@ impl Running {
         self.wait_until(words, |run| run.log().contains(words));
     }
 
+    /// The address that it says it serves, once it has said these words.
+    #[track_caller]
+    pub fn wait_for_address(&mut self, words: &str) -> String {
+        self.wait_for_words(words);
+        let log = self.log();
+        let (_, rest) = log.split_once("http://").expect("the address");
+        rest.split(' ').next().expect("a word").to_string()
+    }
+
     /// Waits until the health of an instance's stages is as it should be.
     #[track_caller]
     pub fn wait_for_health(

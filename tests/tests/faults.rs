@@ -56,11 +56,7 @@ fn damaged_scans_are_flagged_and_the_next_one_comes() {
 #[test]
 fn a_scan_that_kills_a_stage_twice_is_set_aside_and_named() {
     let setting = Setting::new("poison", 4);
-    let poison = setting.input.join("000002.bin");
-    fs::remove_file(&poison).expect("it was there");
-    // Whoever opens a pipe that nobody writes to hangs.
-    let made = Command::new("mkfifo").arg(&poison).status();
-    assert!(made.expect("mkfifo starts").success());
+    setting.write_hanging_scan("000002");
     let run = setting.run(&setting.config("[stages.ingest]\nstart_max_ms = 4000\n"));
     run.assert_complete(3, 4);
     let named = "set aside, because stages died of them: 1 (000002)";
@@ -99,18 +95,6 @@ fn a_bad_model_is_a_failure() {
     refuses(&setting, 1, "", &["untrained.safetensors", "cut short"]);
     setting.model = "nosuchmodel".into();
     refuses(&setting, 2, "", &["nosuchmodel", "no such file"]);
-}
-
-#[test]
-fn a_second_pipeline_of_the_same_name_is_refused_and_the_first_goes_on() {
-    let setting = Setting::new("second", 3);
-    let mut first = setting.up("--loop");
-    first.wait_for_lines(1);
-    let second = setting.up("--loop").finish();
-    second.assert_ended(1, 0);
-    second.assert_says(&["pipeline", "--instance"]);
-    second.assert_says(&[&setting.instance, &first.pid().to_string()]);
-    first.wait_for_lines(3);
 }
 
 #[test]

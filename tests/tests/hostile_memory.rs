@@ -6,14 +6,14 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use mluc_ipc_types::{Object, Topic};
-use mluc_runtime::{Input, Instance, Message, Payload, Shell, Shutdown};
+use mluc_runtime::{Input, Instance, Message, Payload, Shell};
 use mluc_tests::{Running, Setting, leftovers, send_signal, skip};
+use procfs::process::{MMapPath, MemoryMap, Process};
 use rustix::process::{Signal, geteuid};
 
 /// A consumer of the pipeline's objects, who needs no model.
 fn consumer(setting: &Setting) -> (Shell, Input<Object>) {
-    let instance = Instance::new(&setting.instance).unwrap();
-    let shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
+    let shell = setting.observer();
     let input = shell.input(&Topic::OBJECTS).unwrap();
     (shell, input)
 }
@@ -51,18 +51,15 @@ fn a_consumer_that_keeps_what_it_gets_stops_nobody() {
 fn place<T: Payload>(shell: &Shell, message: &Message<T>) -> (File, u64) {
     let inode = shell.segment_of(message.elements()).expect("shared memory");
     let start = message.elements().as_ptr() as u64;
-    let maps = fs::read_to_string("/proc/self/maps").unwrap();
-    let mapping = maps.lines().find_map(|line| {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let (from, to) = words[0].split_once('-')?;
-        let [from, to] = [from, to].map(|word| u64::from_str_radix(word, 16).unwrap());
-        let is_it = (from..to).contains(&start);
-        is_it.then(|| (from, words[words.len() - 1].to_string()))
-    });
-    let (from, path) = mapping.expect("a mapping");
+    let maps = Process::myself().and_then(|own| own.maps()).unwrap();
+    let is_it = |map: &MemoryMap| (map.address.0..map.address.1).contains(&start);
+    let map = maps.into_iter().find(is_it).expect("a mapping");
+    let MMapPath::Path(path) = map.pathname else {
+        panic!("{map:?}")
+    };
     let file = File::options().write(true).open(path).unwrap();
     assert_eq!(file.metadata().unwrap().ino(), inode);
-    (file, start - from)
+    (file, start - map.address.0)
 }
 
 /// Writes over messages that were published, for a second.

@@ -20,10 +20,7 @@ fn get(address: &str, path: &str) -> String {
 fn monitor(instance: &str) -> (Running, String) {
     let words = ["monitor", "--instance", instance, "--listen", "127.0.0.1:0"];
     let mut monitor = Running::mluc(words);
-    monitor.wait_for_words("has /healthz");
-    let log = monitor.log();
-    let (_, rest) = log.split_once("http://").expect("the address");
-    let address = rest.split(' ').next().expect("a word").to_string();
+    let address = monitor.wait_for_address("has /healthz");
     (monitor, address)
 }
 

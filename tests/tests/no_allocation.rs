@@ -1,45 +1,23 @@
 //! After its first frame the way from points to detections takes no memory from the system: the guard, voxels, sparse and
 //! bird's-eye layers, feature rows, heads, suppression, in every precision.
-#![allow(unsafe_code)] // A global allocator is an unsafe trait; this one counts and passes on.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::alloc::System;
 
 use mluc_backbone::{Backbone, Precision};
 use mluc_head::Head;
 use mluc_ingest::{DecodeReport, Expected, Guard};
 use mluc_model::{Grid, Manifest, Network, formula_uniform, formula_weights};
 use mluc_train::quantize::measure_ranges;
-
-/// Counts every request of any thread.
-struct Counting;
-
-static REQUESTS: AtomicUsize = AtomicUsize::new(0);
-
-// SAFETY: every call goes to the system's allocator as it came.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        REQUESTS.fetch_add(1, Ordering::Relaxed);
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        REQUESTS.fetch_add(1, Ordering::Relaxed);
-        unsafe { System.alloc_zeroed(layout) }
-    }
-
-    unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        REQUESTS.fetch_add(1, Ordering::Relaxed);
-        unsafe { System.realloc(block, layout, size) }
-    }
-
-    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
-        unsafe { System.dealloc(block, layout) }
-    }
-}
+use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+/// Every request of any thread so far.
+fn requests() -> usize {
+    let stats = ALLOCATOR.stats();
+    stats.allocations + stats.reallocations
+}
 
 /// A map of 48 x 48 cells.
 fn manifest() -> Manifest {
@@ -61,9 +39,9 @@ fn scan(points: usize, seed: &str) -> Vec<[f32; 4]> {
 // One test in this file: another one's requests would be counted.
 #[test]
 fn frames_after_the_first_take_no_memory() {
-    let counted = REQUESTS.load(Ordering::Relaxed);
+    let counted = requests();
     drop(std::hint::black_box(Box::new(1_u64)));
-    assert!(REQUESTS.load(Ordering::Relaxed) > counted, "it counts");
+    assert!(requests() > counted, "it counts");
 
     // Small before large: nothing may grow on the way.
     let sizes = [800, 300, 0, 6000, 40_000, 131_072, 2000];
@@ -98,9 +76,9 @@ fn frames_after_the_first_take_no_memory() {
             let taken = pool.install(|| {
                 frame(&scans[0]);
                 scans.each_ref().map(|scan| {
-                    let before = REQUESTS.load(Ordering::Relaxed);
+                    let before = requests();
                     frame(scan);
-                    REQUESTS.load(Ordering::Relaxed) - before
+                    requests() - before
                 })
             });
             let circumstances = format!("{precision}, {threads} threads, {sizes:?} points");

@@ -1,8 +1,6 @@
 //! `mluc record --stages` and `mluc replay` at any stage.
 
-use std::process::Command;
-
-use mluc_tests::{Finished, Running, Setting, mluc_program, unique_instance};
+use mluc_tests::{Finished, Running, Setting};
 use rustix::process::Signal;
 
 #[test]
@@ -23,13 +21,7 @@ fn a_recording_with_stages_is_replayed_from_each_of_them() {
         assert!(matches!(record.code, Some(0 | 3)), "{}", record.log);
         path
     };
-    let replay = |path: &str, options: &str| -> Finished {
-        let instance = unique_instance("replay");
-        let mut replay = Command::new(mluc_program());
-        let words = format!("replay --input {path} --instance {instance} {options}");
-        replay.args(words.split_whitespace());
-        Running::start(&mut replay).finish()
-    };
+    let replay = |path: &str, options: &str| setting.replay(path, options);
     let path = record("stages.mcap", "--stages");
     let model = format!("--model {}", setting.model.display());
     for from in ["", "--from head", "--from refiner"] {

@@ -160,11 +160,7 @@ fn a_crash_of_everything_is_wiped_by_the_next_start() {
 #[test]
 fn a_stage_that_is_stopped_before_its_first_frame_is_killed_once_it_was_ready() {
     let setting = Setting::new("idle", 2);
-    let scan = setting.input.join("000000.bin");
-    std::fs::remove_file(&scan).expect("it was there");
-    // Ingest waits for whoever writes to the pipe.
-    let made = std::process::Command::new("mkfifo").arg(&scan).status();
-    assert!(made.expect("mkfifo starts").success());
+    setting.write_hanging_scan("000000");
     let mut run = setting.up("--loop");
     run.wait_for_health(&setting.instance, "the refiner is ready", |watch| {
         watch.is_ready(mluc_ipc_types::Stage::Refiner)

@@ -4,10 +4,11 @@ use std::process::Command;
 use std::time::Duration;
 
 use mluc_ipc_types::{Status, StatusState};
-use mluc_runtime::{Instance, Shell, Shutdown, StatusWatch};
+use mluc_runtime::{Shell, StatusWatch};
 use mluc_tests::{
     Finished, Running, Setting, assert_has, car_scan, python_example, root, wait_for,
 };
+use procfs::process::Process;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
@@ -21,8 +22,7 @@ struct Consumer {
 
 impl Consumer {
     fn new(setting: &Setting) -> Consumer {
-        let instance = Instance::new(&setting.instance).unwrap();
-        let _shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
+        let _shell = setting.observer();
         let watch = _shell.status_watch().unwrap();
         Consumer { watch, _shell }
     }
@@ -193,21 +193,12 @@ fn what_a_stage_may_not_have_is_one_warning_and_what_it_may_have_holds() {
     let config = setting.config(&format!("[stages.head]\n{own}\n"));
     let mut run = setting.up(&format!("{config} --pace sensor --rate 10 --loop"));
     run.wait_for_lines(3);
-    let about = |what: &str| {
-        let path = format!("/proc/{}/{what}", run.stage("head"));
-        std::fs::read_to_string(path).expect("it runs")
-    };
-    // Field 41 of the kernel's line: 1 is SCHED_FIFO. The name before it may hold spaces.
-    let stat = about("stat");
-    let (_, fields) = stat.rsplit_once(") ").expect("fields");
-    let is_real_time = fields.split(' ').nth(38) == Some("1");
-    let status = about("status");
-    let value = |key: &str| {
-        let value = status.lines().find_map(|line| line.strip_prefix(key));
-        value.expect(key).trim()
-    };
-    let is_locked = value("VmLck:") != "0 kB";
-    let is_pinned = value("Cpus_allowed_list:") == "0";
+    let head = Process::new(run.stage("head") as i32).expect("it runs");
+    // SCHED_FIFO.
+    let is_real_time = head.stat().expect("it runs").policy == Some(1);
+    let status = head.status().expect("it runs");
+    let is_locked = status.vmlck.expect("VmLck") > 0;
+    let is_pinned = status.cpus_allowed_list.expect("cores") == [(0, 0)];
     let run = setting.stop(run);
     let warnings = |words: &str| {
         let lines = run.log.lines();

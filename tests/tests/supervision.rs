@@ -152,7 +152,8 @@ fn a_supervisor_that_is_stopped_is_no_predecessor_and_goes_on_afterwards() {
     first.signal(Signal::STOP);
     let second = setting.up("").finish();
     second.assert_ended(1, 0);
-    second.assert_says(&["--instance", &first.pid().to_string()]);
+    second.assert_says(&["pipeline", "--instance"]);
+    second.assert_says(&[&setting.instance, &first.pid().to_string()]);
     first.signal(Signal::CONT);
     first.wait_for_lines(5);
     // No stage was silent while its supervisor looked.

@@ -4,9 +4,7 @@ use std::process::Command;
 
 use mluc_sources::files::Layout;
 use mluc_sources::{Next, Scan, Source};
-use mluc_tests::{
-    Running, Setting, mluc_program, python_example, root, unique_instance, write_file,
-};
+use mluc_tests::{Running, Setting, python_example, root, write_file};
 use rustix::process::Signal;
 
 #[test]
@@ -27,10 +25,7 @@ fn a_recording_and_a_socket_tell_what_the_pipeline_told() {
     let mut record = Running::mluc(["record", "--out", &out].iter().chain(&instance));
     record.wait_for_words("Ctrl-C ends it");
     let mut view = Running::mluc(["view", "--port", "0"].iter().chain(&instance));
-    view.wait_for_words("is the page");
-    let log = view.log();
-    let (_, rest) = log.split_once("http://").expect("the address");
-    let address = rest.split(' ').next().expect("a word").to_string();
+    let address = view.wait_for_address("is the page");
 
     // Both outlive a pipeline.
     let mut lines = String::new();
@@ -61,13 +56,8 @@ fn a_recording_and_a_socket_tell_what_the_pipeline_told() {
     }
     assert!(count >= 6, "{count} scans");
     // The same objects again, and others where a threshold is another.
-    let replay = |options: &str| {
-        let mut replay = Command::new(mluc_program());
-        let instance = unique_instance("replay");
-        let words = format!("replay --input {out} --instance {instance} {options}");
-        replay.args(words.split_whitespace()).arg("--model");
-        Running::start(replay.arg(&setting.model)).finish()
-    };
+    let model = setting.model.display();
+    let replay = |options: &str| setting.replay(&out, &format!("--model {model} {options}"));
     let same = replay("");
     same.assert_ended(0, 0);
     let words = format!("frames: {count} with the recorded objects, 0 with others");

@@ -24,4 +24,4 @@ pub(crate) use compare::{Comparison, Verdict, compare};
 pub(crate) use csv::{read_frames, write_frames};
 pub(crate) use figures::{Resources, check_version, number, report_of};
 pub(crate) use frame::{FrameRecord, HOPS, STAGES, Stamps};
-pub(crate) use page::{page, table};
+pub(crate) use page::{page, render, table};

@@ -35,7 +35,7 @@ pub(crate) fn table(report: &Value) -> Result<String> {
 }
 
 /// Of a template whose name ends with `html`, texts are escaped.
-pub(super) fn render(name: &str, template: &str, mut values: Value) -> Result<String> {
+pub(crate) fn render(name: &str, template: &str, mut values: Value) -> Result<String> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Chainable);
     environment.add_filter("short", |value: Option<f64>| {

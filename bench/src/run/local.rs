@@ -23,7 +23,7 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
             break;
         }
     }
-    let report = measured.report(plan, &quiet);
+    let report = measured.report(plan, &quiet)?;
     drop(progress);
     folder::write(out, &report, &measured.frames)?;
     print_out(table(&report)?.trim_end())?;

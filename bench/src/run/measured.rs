@@ -9,7 +9,7 @@ use super::plan::Plan;
 use super::quiet::Quiet;
 use super::round::frames;
 use crate::machine::{describe_build, describe_machine};
-use crate::report::{FrameRecord, HOPS, Resources, STAGES, number, report_of};
+use crate::report::{FrameRecord, HOPS, Resources, STAGES, number, render, report_of};
 
 #[derive(Default)]
 pub(crate) struct Measured {
@@ -82,7 +82,7 @@ impl Measured {
     }
 
     /// The whole report.
-    pub(crate) fn report(&self, plan: &Plan, quiet: &Quiet) -> Value {
+    pub(crate) fn report(&self, plan: &Plan, quiet: &Quiet) -> Result<Value> {
         let mut report = report_of(&self.frames);
         report["title"] = plan.title().into();
         report["quiet"] = quiet.describe();
@@ -95,70 +95,30 @@ impl Measured {
         for (hop, bytes) in HOPS.iter().zip(self.payload_bytes) {
             report["hops"][hop]["payload_bytes"] = bytes.into();
         }
-        report["warnings"] = self.warnings(plan, &report, quiet).into();
-        report
+        report["warnings"] = self.warnings(plan, &report, quiet)?.into();
+        Ok(report)
     }
 
-    fn warnings(&self, plan: &Plan, report: &Value, quiet: &Quiet) -> Vec<String> {
+    /// What a reader must know: the lines of the template.
+    fn warnings(&self, plan: &Plan, report: &Value, quiet: &Quiet) -> Result<Vec<String>> {
         let (verdict, is_loud) = quiet.verdict();
-        let count = |key: &str| report["frames"][key].as_u64().unwrap_or(0);
-        let (dropped, taken_in, unanswered) = (count("dropped"), count("in"), count("unanswered"));
-        let (rate_hz, restarts) = (plan.rate_hz, self.restarts);
         let is_degraded = |frame: &&FrameRecord| frame.flags.split(' ').any(|f| f == "degraded");
-        let degraded = self.frames.iter().filter(is_degraded).count();
-        let steady = number(report, "/first_frame/over_steady").unwrap_or(0.0);
-        let mut warnings = Vec::new();
-        let mut warn = |is_so: bool, text: String| warnings.extend(is_so.then_some(text));
-        warn(is_loud, format!("The machine was {verdict}."));
-        warn(
-            dropped > 0,
-            format!(
-                "{dropped} of {taken_in} frames were dropped: the pipeline does not keep up with {rate_hz} Hz here, or something stalled it."
-            ),
-        );
-        warn(
-            unanswered > 0,
-            format!(
-                "Nothing came out after the last {unanswered} frames were due: a stage stopped answering; their latency is a lower bound."
-            ),
-        );
-        warn(
-            restarts > 0,
-            format!("Stages ended and were started again {restarts} times."),
-        );
-        warn(
-            self.is_interrupted,
-            "The run was interrupted: less was measured than asked for.".into(),
-        );
-        warn(
-            cfg!(debug_assertions),
-            "The program was built without optimisation: none of these figures means anything."
-                .into(),
-        );
-        warn(
-            plan.model.manifest.provenance.steps == 0,
-            "The model was never trained: the number of its boxes, and so the refiner's work, is accidental.".into(),
-        );
-        warn(
-            degraded > 0,
-            format!(
-                "{degraded} frames are flagged degraded: a stage could not do all of its work."
-            ),
-        );
-        warn(
-            steady > 2.0,
-            format!(
-                "The first frame took {steady:.1} times as long as the median one; more than 2 says that something was not warm."
-            ),
-        );
-        for (name, is_heard) in STAGES.iter().zip(self.is_heard) {
-            warn(
-                !is_heard,
-                format!(
-                    "{name} sent no heartbeat: a program that is not ours; its stamps are its own word."
-                ),
-            );
-        }
-        warnings
+        let silent = STAGES.iter().zip(self.is_heard);
+        let silent = silent.filter_map(|(name, is_heard)| (!is_heard).then_some(name));
+        let values = json!({
+            "frames": report["frames"],
+            "over_steady": report["first_frame"]["over_steady"],
+            "loud": is_loud.then_some(verdict),
+            "rate_hz": plan.rate_hz.to_string(),
+            "restarts": self.restarts,
+            "is_interrupted": self.is_interrupted,
+            "is_slow": cfg!(debug_assertions),
+            "is_untrained": plan.model.manifest.provenance.steps == 0,
+            "degraded": self.frames.iter().filter(is_degraded).count(),
+            "silent": silent.collect::<Vec<_>>(),
+        });
+        let text = render("warnings.txt", include_str!("warnings.txt"), values)?;
+        let lines = text.lines().filter(|line| !line.is_empty());
+        Ok(lines.map(str::to_string).collect())
     }
 }

@@ -15,6 +15,7 @@ use mluc_runtime::Instance;
 use mluc_sources::files::Layout;
 use mluc_sources::{Lidar, Open, Source, ros2_topic};
 use serde::{Deserialize, Serialize};
+use smart_default::SmartDefault;
 use toml::Table;
 
 use crate::UsageError;
@@ -79,21 +80,24 @@ pub enum RestartPolicy {
 }
 
 /// Everything that can be set.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, SmartDefault)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Name of this pipeline.
     #[serde(with = "by_name")]
+    #[default(Instance::new(Instance::DEFAULT).expect("a plain name"))]
     pub instance: Instance,
     /// A scan, or a folder of scans.
     pub input: Option<PathBuf>,
     /// `[[lidar]]`: in its place several sensors whose scans are merged; the first begins the frames.
     pub lidar: Vec<Lidar>,
     /// Between the times of scans in one frame, at most.
+    #[default(TOLERANCE_MS)]
     pub tolerance_ms: u64,
     /// `[layout]`: how files of points are read.
     pub layout: Layout,
     /// Name of a built-in model, or a model file.
+    #[default(DEFAULT_MODEL.to_string())]
     pub model: String,
     /// Threshold of the gate on the normalised EDS, for a model without a logit of the unknown.
     pub lambda: Option<f64>,
@@ -119,12 +123,14 @@ pub struct Settings {
     /// A line on stdout, besides the frames', when the pipeline's state changes.
     pub status_lines: bool,
     /// Arithmetic of the backbone.
+    #[default(Precision::Auto)]
     pub precision: Precision,
     /// Registers of a lesser processor, to measure what it would do; unset: the fastest of this one.
     pub instruction_set: Option<String>,
     /// Check that each payload lies in shared memory.
     pub verify_mapping: bool,
     /// Times in a row that a stage may die by itself without a frame between.
+    #[default(RESTART_LIMIT)]
     pub restart_limit: u32,
     /// What happens then.
     pub on_restart_limit: RestartPolicy,
@@ -142,41 +148,6 @@ pub struct Settings {
     /// `[bench]`: how `mluc-bench` measures this configuration. It reads the table.
     #[serde(skip_serializing)]
     pub bench: Option<Table>,
-}
-
-impl Default for Settings {
-    fn default() -> Settings {
-        Settings {
-            instance: Instance::new(Instance::DEFAULT).expect("a plain name"),
-            input: None,
-            lidar: vec![],
-            tolerance_ms: TOLERANCE_MS,
-            layout: Layout::default(),
-            model: DEFAULT_MODEL.to_string(),
-            lambda: None,
-            unknown_min: None,
-            profile: Profile::default(),
-            min_score: None,
-            min_unknown_score: None,
-            pace: Pace::default(),
-            rate_hz: None,
-            repeat: false,
-            seconds: None,
-            budget_ms: None,
-            status_lines: false,
-            precision: Precision::Auto,
-            instruction_set: None,
-            verify_mapping: false,
-            restart_limit: RESTART_LIMIT,
-            on_restart_limit: RestartPolicy::default(),
-            stages: Stages::default(),
-            refiner: RefinerSettings::default(),
-            robot: RobotSettings::default(),
-            sensor: SensorSettings::default(),
-            track: None,
-            bench: None,
-        }
-    }
 }
 
 /// `[sensor]`.
@@ -200,29 +171,16 @@ impl SensorSettings {
 }
 
 /// `[stages]`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, SmartDefault)]
 #[serde(deny_unknown_fields, default)]
 #[allow(missing_docs)]
 pub struct Stages {
     pub ingest: StageSettings,
+    #[default(StageSettings::of_network())]
     pub backbone: StageSettings,
+    #[default(StageSettings::of_network())]
     pub head: StageSettings,
     pub refiner: StageSettings,
-}
-
-impl Default for Stages {
-    fn default() -> Stages {
-        let [ingest, mut backbone, mut head, refiner] =
-            Stage::ALL.map(|_| StageSettings::default());
-        backbone.threads = NETWORK_THREADS;
-        head.threads = NETWORK_THREADS;
-        Stages {
-            ingest,
-            backbone,
-            head,
-            refiner,
-        }
-    }
 }
 
 impl Index<Stage> for Stages {
@@ -239,7 +197,7 @@ impl Index<Stage> for Stages {
 }
 
 /// How one stage runs.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, SmartDefault)]
 #[serde(deny_unknown_fields, default)]
 pub struct StageSettings {
     /// Another program in the stage's place: program and arguments.
@@ -249,6 +207,7 @@ pub struct StageSettings {
     /// Left to the user, who starts and replaces it.
     pub external: bool,
     /// Threads that compute.
+    #[default(1)]
     pub threads: usize,
     /// Cores that it may run on, counted from 0; unset: all.
     pub cpus: Option<Vec<usize>>,
@@ -257,31 +216,16 @@ pub struct StageSettings {
     /// Keep its memory from being paged out.
     pub lock_memory: bool,
     /// Touch shared memory before the first frame does.
+    #[default(true)]
     pub prefault: bool,
     /// Frames that need longer, from the publication of the stage's input to that of its result, are counted and told.
     pub budget_ms: Option<u64>,
     /// Longest time without a heartbeat, ms, once it has published a frame; then it is killed and restarted. 0: never.
+    #[default(1000)]
     pub heartbeat_max_ms: u64,
     /// Longest time from its start until it is ready, ms. 0: no limit.
+    #[default(30_000)]
     pub start_max_ms: u64,
-}
-
-impl Default for StageSettings {
-    fn default() -> StageSettings {
-        StageSettings {
-            command: None,
-            directory: None,
-            external: false,
-            threads: 1,
-            cpus: None,
-            priority: None,
-            lock_memory: false,
-            prefault: true,
-            budget_ms: None,
-            heartbeat_max_ms: 1000,
-            start_max_ms: 30_000,
-        }
-    }
 }
 
 impl Settings {
@@ -405,6 +349,13 @@ impl Settings {
 }
 
 impl StageSettings {
+    fn of_network() -> StageSettings {
+        StageSettings {
+            threads: NETWORK_THREADS,
+            ..StageSettings::default()
+        }
+    }
+
     fn check(&self, stage: &str) -> Result<(), UsageError> {
         let threads = self.threads;
         if !(1..=256).contains(&threads) {

@@ -12,8 +12,10 @@ use mluc::stages::describe_run;
 use mluc::terminal::print_out;
 use mluc::{EXIT_FAILURE, UsageError};
 use mluc_geometry::Random;
-use mluc_ipc_types::{RunDescription, WIRE_VERSION};
-use mluc_runtime::{Instance, Membership, Shell, Shutdown, log_to_stderr, random_run_id};
+use mluc_ipc_types::{FrameHeader, RunDescription, Stage, WIRE_VERSION};
+use mluc_runtime::{
+    Instance, Membership, Shell, Shutdown, log_to_stderr, monotonic_ns, random_run_id,
+};
 
 use crate::program::{Options, Program, Tested};
 use crate::report::{Report, Verdict};
@@ -80,6 +82,14 @@ pub(crate) fn begin_run(shell: &mut Shell, run: &mut RunDescription) -> anyhow::
     let others = "another process describes the run of this instance";
     ensure!(is_ours, others);
     Ok(())
+}
+
+/// A stage's three stamps, all of this moment.
+pub(crate) fn stamp(header: &mut FrameHeader, stage: Stage) {
+    let now_ns = monotonic_ns();
+    let stamps = header.stamps_mut(stage);
+    (stamps.received_ns, stamps.started_ns) = (now_ns, now_ns);
+    stamps.published_ns = now_ns;
 }
 
 /// Judges programs, each with its title.

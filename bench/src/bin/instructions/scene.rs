@@ -1,7 +1,6 @@
 //! A scan made by arithmetic alone: ground in rings, a wall on each side, boxes on the ground, and a candidate at each.
 //! The same on every machine.
 
-use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, DetectionKind};
 
 /// Length, width, height of the boxes, m.
@@ -54,23 +53,16 @@ pub(crate) fn candidates() -> Vec<Detection> {
     let candidate = |number: usize| {
         let [x, y] = place(number);
         let off = 0.1 * number as f32 - 0.5;
-        let place = [x + off, y - 0.5 * off, GROUND_M + 0.8];
-        let shape = Box3::from_f32(place, [3.9, 1.6, 1.56], 0.4 * number as f32);
-        candidate(&shape, 20.0)
+        Detection {
+            center_m: [x + off, y - 0.5 * off, GROUND_M + 0.8],
+            size_m: [3.9, 1.6, 1.56],
+            yaw_rad: 0.4 * number as f32,
+            kind: DetectionKind::Candidate as u32,
+            objectness: 0.5,
+            score: 0.3,
+            eds: 20.0,
+            ..Detection::default()
+        }
     };
     (0..BOXES).map(candidate).collect()
-}
-
-/// An unknown's candidate as the head hands it over.
-fn candidate(shape: &Box3, eds: f32) -> Detection {
-    Detection {
-        center_m: shape.center_m.map(|value| value as f32),
-        size_m: shape.size_m.map(|value| value as f32),
-        yaw_rad: shape.yaw_rad as f32,
-        kind: DetectionKind::Candidate as u32,
-        objectness: 0.5,
-        score: 0.3,
-        eds,
-        ..Detection::default()
-    }
 }

@@ -2,6 +2,8 @@
 
 use std::f32::consts::{PI, TAU};
 
+use smart_default::SmartDefault;
+
 /// Sectors of 5 degrees, from behind over the right.
 pub const SECTORS: usize = 72;
 /// Degrees of a sector.
@@ -14,27 +16,19 @@ const NEAR_MIN: u16 = 2;
 const END_SHARE: f32 = 0.85;
 
 /// Sums over scans, by sector.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, SmartDefault)]
 pub(super) struct Directions {
+    #[default([0; SECTORS])]
     counts: [u32; SECTORS],
+    #[default([0.0; SECTORS])]
     farthest_m: [f32; SECTORS],
     /// Near returns of the scan at hand.
+    #[default([0; SECTORS])]
     near: [u16; SECTORS],
     /// Scans with something near.
+    #[default([0; SECTORS])]
     near_scans: [u16; SECTORS],
     scans: u16,
-}
-
-impl Default for Directions {
-    fn default() -> Directions {
-        Directions {
-            counts: [0; SECTORS],
-            farthest_m: [0.0; SECTORS],
-            near: [0; SECTORS],
-            near_scans: [0; SECTORS],
-            scans: 0,
-        }
-    }
 }
 
 /// Azimuth of the middle of a sector, rad.

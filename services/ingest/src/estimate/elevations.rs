@@ -3,6 +3,8 @@
 //! A spinning sensor's returns lie at as many elevations as it has beams. Several sensors that are merged, and beams that do not begin in one
 //! point (HDL-64E), smear the peaks; then fewer are found than a column has returns.
 
+use smart_default::SmartDefault;
+
 /// Width of a bin, degrees: products have beams down to 0.1 degrees apart.
 pub const BIN_DEG: f32 = 0.02;
 /// From straight down to straight up.
@@ -20,17 +22,11 @@ pub fn bin_deg(bin: usize) -> f32 {
 }
 
 /// The histogram.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, SmartDefault)]
 pub struct Elevations {
+    #[default(vec![0; BINS])]
     counts: Vec<u32>,
     total: u32,
-}
-
-impl Default for Elevations {
-    fn default() -> Elevations {
-        let counts = vec![0; BINS];
-        Elevations { counts, total: 0 }
-    }
 }
 
 impl Elevations {

@@ -1,5 +1,7 @@
 //! Azimuth between two columns: the commonest distance of neighbouring returns along a beam.
 
+use smart_default::SmartDefault;
+
 /// Returns of a beam that are looked at.
 const RETURNS_MAX: usize = 4096;
 /// Fewer say nothing.
@@ -9,19 +11,12 @@ const BIN_DEG: f32 = 0.01;
 const BINS: usize = 150;
 
 /// Collects azimuths of one beam, and votes over beams and scans.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, SmartDefault)]
 pub(super) struct StepVotes {
+    #[default(Vec::with_capacity(RETURNS_MAX))]
     azimuths_deg: Vec<f32>,
+    #[default([0; BINS])]
     votes: [u32; BINS],
-}
-
-impl Default for StepVotes {
-    fn default() -> StepVotes {
-        StepVotes {
-            azimuths_deg: Vec::with_capacity(RETURNS_MAX),
-            votes: [0; BINS],
-        }
-    }
 }
 
 impl StepVotes {

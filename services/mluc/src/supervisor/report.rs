@@ -3,28 +3,25 @@
 use hdrhistogram::Histogram;
 use mluc_gateway::lines::{latency_us, stage_times};
 use mluc_ipc_types::{FrameHeader, Stage, Status};
+use smart_default::SmartDefault;
 
 /// Longest time told apart, us: ten minutes.
 const LONGEST_US: u64 = 600_000_000;
 
 /// Latencies of all frames, us.
-#[derive(Debug)]
+#[derive(Debug, SmartDefault)]
 pub(crate) struct Latencies {
+    #[default(std::array::from_fn(|_| empty()))]
     queue: [Histogram<u64>; 4],
+    #[default(std::array::from_fn(|_| empty()))]
     run: [Histogram<u64>; 4],
+    #[default(empty())]
     total: Histogram<u64>,
 }
 
-impl Default for Latencies {
-    fn default() -> Latencies {
-        // Three digits.
-        let empty = Histogram::new_with_bounds(1, LONGEST_US, 3).expect("constant bounds that fit");
-        Latencies {
-            queue: std::array::from_fn(|_| empty.clone()),
-            run: std::array::from_fn(|_| empty.clone()),
-            total: empty,
-        }
-    }
+/// No times yet; three digits are kept of each.
+fn empty() -> Histogram<u64> {
+    Histogram::new_with_bounds(1, LONGEST_US, 3).expect("constant bounds that fit")
 }
 
 /// The table of a run's frames by stage: in = out + dropped in every row.

@@ -136,25 +136,22 @@ impl<'a> Reader<'a> {
         Some(bytes)
     }
 
+    /// The next number's bytes in little-endian order.
+    fn raw<const BYTES: usize>(&mut self) -> Option<[u8; BYTES]> {
+        self.at = self.at.next_multiple_of(BYTES / 4 * self.align);
+        let mut raw: [u8; BYTES] = self.bytes(BYTES)?.try_into().ok()?;
+        if self.is_big_endian {
+            raw.reverse();
+        }
+        Some(raw)
+    }
+
     pub(crate) fn number(&mut self) -> Option<usize> {
-        self.at = self.at.next_multiple_of(self.align);
-        let raw = self.bytes(4)?.try_into().ok()?;
-        let number = u32::from_le_bytes(raw);
-        let is_swapped = self.is_big_endian;
-        Some(if is_swapped {
-            number.swap_bytes()
-        } else {
-            number
-        } as usize)
+        self.raw().map(|raw| u32::from_le_bytes(raw) as usize)
     }
 
     pub(crate) fn float(&mut self) -> Option<f64> {
-        self.at = self.at.next_multiple_of(2 * self.align);
-        let raw = self.bytes(8)?.try_into().ok()?;
-        let bits = u64::from_le_bytes(raw);
-        let is_swapped = self.is_big_endian;
-        let bits = if is_swapped { bits.swap_bytes() } else { bits };
-        Some(f64::from_bits(bits))
+        self.raw().map(f64::from_le_bytes)
     }
 
     /// Time (ns since 1970) and frame of reference.

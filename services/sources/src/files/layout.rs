@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
+use smart_default::SmartDefault;
 
 use super::table::{Kind, Table};
 use crate::{Scan, SourceError, refused};
@@ -25,7 +26,7 @@ const TIMES: [&str; 5] = ["t", "time", "timestamp", "time_stamp", "offset_time"]
 const SECONDS_MAX: f64 = 1e12;
 
 /// `[layout]`: how to read files of points; the default is KITTI's way where the file itself says nothing.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, SmartDefault)]
 #[serde(deny_unknown_fields, default)]
 pub struct Layout {
     /// Names of the columns of a `.bin` or `.npy` file, which has none; empty: x, y, z, intensity, and a ring where there are five. Others than x, y, z
@@ -34,10 +35,13 @@ pub struct Layout {
     /// Where the sensor is in the file's coordinates.
     pub origin: [f64; 3],
     /// Metres a unit of the coordinates.
+    #[default(1.0)]
     pub scale: f64,
     /// What an intensity is multiplied by, so that it is 0 to 1.
+    #[default(1.0)]
     pub intensity_scale: f64,
     /// Which of the file's axes point forward, to the left and up: `y,-x,z`, for instance.
+    #[default("x,y,z")]
     pub axes: String,
     /// Calibration of the unit, for captures and live sensors: Velodyne's YAML, Hesai's CSV, Ouster's JSON; unset: the product's own table.
     pub calibration: Option<PathBuf>,
@@ -52,24 +56,6 @@ pub struct Layout {
     /// Pose of the sensor in the frame whose motion the odometry tells, as in `[sensor]`.
     #[serde(skip)]
     pub base_from_sensor: [f64; 6],
-}
-
-impl Default for Layout {
-    fn default() -> Layout {
-        Layout {
-            columns: vec![],
-            origin: [0.0; 3],
-            scale: 1.0,
-            intensity_scale: 1.0,
-            axes: "x,y,z".to_string(),
-            calibration: None,
-            topic: None,
-            deskew: false,
-            odometry: None,
-            shard: None,
-            base_from_sensor: [0.0; 6],
-        }
-    }
 }
 
 impl Layout {

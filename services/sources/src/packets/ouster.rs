@@ -1,6 +1,7 @@
 //! Ouster's lidar packets and the metadata that they need (firmware user manual: "lidar data packet format", "coordinate frames and XYZ calculation").
 
 use std::f32::consts::TAU;
+use std::sync::LazyLock;
 
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -15,9 +16,9 @@ const ROWS_MAX: usize = 256;
 const FRAMES_LATE: u16 = 4;
 
 /// A layout of packets. Bytes.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug, Deserialize)]
 struct Profile {
-    name: &'static str,
+    name: String,
     header: usize,
     column_header: usize,
     pixel: usize,
@@ -25,31 +26,16 @@ struct Profile {
     footer: usize,
 }
 
-const PROFILES: [Profile; 4] = [
-    profile("LEGACY", [0, 16, 12, 4, 0]),
-    profile("RNG15_RFL8_NIR8", [32, 12, 4, 0, 32]),
-    profile("RNG19_RFL8_SIG16_NIR16", [32, 12, 12, 0, 32]),
-    profile("RNG19_RFL8_SIG16_NIR16_DUAL", [32, 12, 16, 0, 32]),
-];
-
-const fn profile(name: &'static str, bytes: [usize; 5]) -> Profile {
-    let [header, column_header, pixel, column_footer, footer] = bytes;
-    Profile {
-        name,
-        header,
-        column_header,
-        pixel,
-        column_footer,
-        footer,
-    }
-}
+static PROFILES: LazyLock<Vec<Profile>> = LazyLock::new(|| {
+    serde_json::from_str(include_str!("ouster.json")).expect("the table, which a test reads")
+});
 
 /// What the sensor says of itself.
 #[derive(Clone, Debug)]
 pub struct Metadata {
     pub(super) product: String,
     clock: Clock,
-    profile: Profile,
+    profile: &'static Profile,
     /// Columns of a frame.
     pub columns: usize,
     /// Pixels of a column, from the top.
@@ -139,9 +125,9 @@ impl Metadata {
         let fields = Fields::parse(text)
             .map_err(|cause| SourceError::field("calibration: JSON", "Ouster's metadata", cause))?;
         let name = fields.udp_profile_lidar.as_deref().unwrap_or("LEGACY");
-        let known = PROFILES.map(|profile| profile.name).join(", ");
-        let Some(profile) = PROFILES.into_iter().find(|profile| profile.name == name) else {
-            return refused("calibration: udp_profile_lidar", known, name);
+        let Some(profile) = PROFILES.iter().find(|profile| profile.name == name) else {
+            let known: Vec<&str> = PROFILES.iter().map(|profile| &*profile.name).collect();
+            return refused("calibration: udp_profile_lidar", known.join(", "), name);
         };
         let [rows, columns, columns_per_packet] = fields.shape()?;
         let origin_mm = match (
@@ -199,17 +185,17 @@ impl Metadata {
     }
 
     pub(super) fn describe(&self) -> String {
-        let (product, profile, bytes) = (&self.product, self.profile.name, self.packet_bytes());
+        let (product, profile, bytes) = (&self.product, &self.profile.name, self.packet_bytes());
         format!("{product}, {profile}, packets of {bytes} bytes")
     }
 
     fn column_bytes(&self) -> usize {
-        let profile = &self.profile;
+        let profile = self.profile;
         profile.column_header + self.rows * profile.pixel + profile.column_footer
     }
 
     fn packet_bytes(&self) -> usize {
-        let profile = &self.profile;
+        let profile = self.profile;
         profile.header + self.columns_per_packet * self.column_bytes() + profile.footer
     }
 
@@ -242,7 +228,7 @@ impl Metadata {
     }
 
     fn column(&self, frame: u16, bytes: &[u8], each: &mut dyn FnMut(&Shot)) {
-        let profile = &self.profile;
+        let profile = self.profile;
         let is_valid = match profile.column_footer {
             0 => u16_at(bytes, 10) & 1 == 1,
             _ => u32_at(bytes, bytes.len() - profile.column_footer) == u32::MAX,

@@ -4,7 +4,10 @@
 //! and of Nebula, so that clouds are the same: the last block of a packet is not turned on, nor is any of an HDL-64E. The HDL-64E does not say its return mode:
 //! two returns of a shot are two points.
 
+use std::sync::LazyLock;
+
 use mluc_model::SensorProfile;
+use serde::Deserialize;
 
 use super::calibration::Laser;
 use super::sweep::Sweep;
@@ -28,69 +31,38 @@ const HOUR_US: u32 = 3_600_000_000;
 const GAP_MAX_CDEG: u32 = 200;
 
 /// A type of sensor.
+#[derive(Deserialize)]
 pub(super) struct Product {
     /// In `sensors/`.
-    profile: &'static str,
+    profile: String,
     /// The last byte of a packet; the HDL-64E has its status there.
     id: Option<u8>,
     lasers: usize,
     unit_mm: u8,
     /// From one firing of all lasers to the next one.
     cycle_ns: u32,
+    /// Which beam from the top each laser is, where all units are alike (of a VLP-32C by manual 63-9325, section 9.2).
+    rings: Option<Vec<usize>>,
 }
 
-const HDL_32E: &Product = &product("hdl-32e", Some(0x21), 32, 2, 46_080);
-const HDL_64E: &Product = &product("hdl-64e", None, 64, 2, 48_000);
-const VLP_16: &Product = &product("vlp-16", Some(0x22), 16, 2, 55_296);
-const HI_RES: &Product = &product("vlp-16-hi-res", Some(0x24), 16, 2, 55_296);
-const VLP_32C: &Product = &product("vlp-32c", Some(0x28), 32, 4, 55_296);
-const VLS_128: &Product = &product("vls-128", Some(0xA1), 128, 4, 53_300);
+static PRODUCTS: LazyLock<Vec<Product>> = LazyLock::new(|| {
+    serde_json::from_str(include_str!("velodyne.json")).expect("the table, which a test reads")
+});
 
-const fn product(
-    profile: &'static str,
-    id: Option<u8>,
-    lasers: usize,
-    unit_mm: u8,
-    cycle_ns: u32,
-) -> Product {
-    Product {
-        profile,
-        id,
-        lasers,
-        unit_mm,
-        cycle_ns,
-    }
+fn product(profile: &str) -> Option<&'static Product> {
+    PRODUCTS.iter().find(|product| product.profile == profile)
 }
-
-/// Manual 63-9325, section 9.2: which beam from the top each laser of a VLP-32C is.
-const VLP_32C_RINGS: [usize; 32] = [
-    31, 14, 16, 30, 29, 11, 13, 28, 27, 10, 12, 26, 25, 7, 9, 23, 24, 6, 8, 22, 21, 4, 5, 19, 20,
-    2, 3, 18, 17, 0, 1, 15,
-];
 
 impl Product {
-    /// Which beam from the top a laser is, where all units are alike: the small ones fire alternately from the bottom and from the middle upwards.
-    fn ring(&self, laser: usize) -> Option<usize> {
-        let lowest = self.lasers / if laser.is_multiple_of(2) { 1 } else { 2 };
-        match self.profile {
-            "hdl-64e" | "vls-128" => None,
-            "vlp-32c" => VLP_32C_RINGS.get(laser).copied(),
-            _ => Some(lowest - 1 - laser / 2),
-        }
-    }
-
     fn nominal(&self, profile: &SensorProfile) -> Option<Vec<Laser>> {
         let at = |values: &[f32], ring: usize| values.get(ring).map_or(0.0, |v| v.to_radians());
-        let laser = |laser_id| {
-            let ring = self.ring(laser_id)?;
-            Some(Laser {
-                laser_id,
-                rot_correction: at(&profile.azimuth_offsets_deg, ring),
-                vert_correction: at(&profile.elevations_deg, ring),
-                ..Laser::default()
-            })
+        let laser = |(laser_id, ring): (usize, &usize)| Laser {
+            laser_id,
+            rot_correction: at(&profile.azimuth_offsets_deg, *ring),
+            vert_correction: at(&profile.elevations_deg, *ring),
+            ..Laser::default()
         };
-        (0..self.lasers).map(laser).collect()
+        Some(self.rings.as_ref()?.iter().enumerate().map(laser).collect())
     }
 }
 
@@ -107,21 +79,21 @@ pub(super) fn recognize(
     if !is_filled || flags[0] == 0 {
         return None;
     }
-    let mut known = [HDL_32E, VLP_16, HI_RES, VLP_32C, VLS_128].into_iter();
+    let id = Some(payload[PRODUCT_AT]);
     if flags.iter().any(|flag| BANKS[2..].contains(flag)) {
-        return Some(VLS_128);
+        return product("vls-128");
     } else if flags.contains(&BANKS[1]) {
-        return Some(HDL_64E);
-    } else if let Some(product) = known.find(|p| p.id == Some(payload[PRODUCT_AT])) {
+        return product("hdl-64e");
+    } else if let Some(product) = PRODUCTS.iter().find(|product| product.id == id) {
         return Some(product);
     }
     let Some(Calibration::Velodyne(table)) = calibration else {
         return None;
     };
     match table.lasers.len() {
-        16 => Some(VLP_16),
-        32 if table.unit_m == Some(0.004) => Some(VLP_32C),
-        32 => Some(HDL_32E),
+        16 => product("vlp-16"),
+        32 if table.unit_m == Some(0.004) => product("vlp-32c"),
+        32 => product("hdl-32e"),
         _ => None,
     }
 }
@@ -146,8 +118,8 @@ impl Velodyne {
         product: &'static Product,
         calibration: Option<&Calibration>,
     ) -> Result<Velodyne, SourceError> {
-        let profile = SensorProfile::load(product.profile)
-            .map_err(|cause| SourceError::field(product.profile, "a profile", cause))?;
+        let profile = SensorProfile::load(&product.profile)
+            .map_err(|cause| SourceError::field(&product.profile, "a profile", cause))?;
         let (lasers, unit_m) = match calibration {
             Some(Calibration::Velodyne(table)) if table.lasers.len() == product.lasers => {
                 (Some(table.lasers.clone()), table.unit_m)
@@ -250,7 +222,8 @@ impl Velodyne {
                 let ns = (shot / 16) as u64 * 55_296 + (shot % 16) as u64 * 2_304;
                 (ns, ns as f32 / 110_592.0)
             }
-            32 if self.product.cycle_ns == HDL_32E.cycle_ns => {
+            // An HDL-32E.
+            32 if self.product.cycle_ns == 46_080 => {
                 let ns = shot as u64 * 1_152;
                 (ns, ns as f32 / 46_080.0)
             }

@@ -34,7 +34,7 @@ pub(super) const CASES: &[Case<Session>] = &[
     case("new_run", new_run),
     case("new_pipeline", new_pipeline),
     case("places", places),
-    case("wrong_version", wrong_version),
+    case("wrong_version", |s| wrong_instance(&s.tested.options)),
     case("stop", stop),
 ];
 
@@ -225,10 +225,6 @@ fn places(session: &mut Session) -> Outcome {
         ready.with_context(|| format!("after kill -9 number {kill}"))?;
     }
     Ok(format!("killed {KILLS} times, back each time"))
-}
-
-fn wrong_version(session: &mut Session) -> Outcome {
-    wrong_instance(&session.tested.options)
 }
 
 fn stop(session: &mut Session) -> Outcome {

@@ -8,7 +8,7 @@ use mluc_ipc_types::{
 use mluc_runtime::{Instance, Output, Shell, monotonic_ns};
 
 use crate::program::Options;
-use crate::suite::begin_run;
+use crate::suite::{begin_run, stamp};
 
 /// Room for messages that break the contract: longer than its bounds.
 pub(super) const TOO_MANY_OBJECTS: usize = OBJECTS_MAX + 88;
@@ -93,11 +93,8 @@ impl Player {
         let mut header = FrameHeader::new(sequence, "suite");
         header.run_id = self.run.run_id;
         header.model_fingerprint = self.run.model_fingerprint;
-        let now_ns = monotonic_ns();
         for stage in Stage::ALL {
-            let stamps = header.stamps_mut(stage);
-            (stamps.received_ns, stamps.started_ns) = (now_ns, now_ns);
-            stamps.published_ns = now_ns;
+            stamp(&mut header, stage);
         }
         header
     }

@@ -5,11 +5,11 @@ use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, FrameHeader, Health, Object, POINTS_MAX, Point, RunDescription,
     Stage, Topic,
 };
-use mluc_runtime::{HealthWatch, Input, Instance, Output, Shell, monotonic_ns};
+use mluc_runtime::{HealthWatch, Input, Instance, Output, Shell};
 
 use crate::program::Options;
 use crate::refiner::scene::usual;
-use crate::suite::begin_run;
+use crate::suite::{begin_run, stamp};
 
 /// Room for messages that break the contract: longer than its bounds.
 const TOO_MANY_DETECTIONS: usize = DETECTIONS_MAX + 88;
@@ -189,12 +189,4 @@ impl Player {
         let is_fresh = self.heard_ns()? > since_ns;
         Ok(self.health.of(Stage::Refiner).filter(|_| is_fresh).copied())
     }
-}
-
-/// A stage's three stamps, all of this moment.
-fn stamp(header: &mut FrameHeader, stage: Stage) {
-    let now_ns = monotonic_ns();
-    let stamps = header.stamps_mut(stage);
-    (stamps.received_ns, stamps.started_ns) = (now_ns, now_ns);
-    stamps.published_ns = now_ns;
 }

@@ -26,7 +26,7 @@ pub(super) const CASES: &[Case<Session>] = &[
     case("second", second),
     case("new_run", new_run),
     case("restart", restart),
-    case("wrong_version", wrong_version),
+    case("wrong_version", |s| wrong_instance(&s.tested.options)),
     case("stop", stop),
     case("end", end),
 ];
@@ -115,10 +115,6 @@ fn restart(session: &mut Session) -> Outcome {
     session.checked_many(sent, 2)?;
     let seconds = begun.elapsed().as_secs_f64();
     Ok(format!("went on with scan {sent} after {seconds:.1} s"))
-}
-
-fn wrong_version(session: &mut Session) -> Outcome {
-    wrong_instance(&session.tested.options)
 }
 
 fn stop(session: &mut Session) -> Outcome {
