@@ -132,7 +132,6 @@ mod tests {
         let layer = SparseLayer {
             name: "s".into(),
             submanifold: false,
-            floor_sites: false,
             kernel: [3, 1, 1],
             stride: [2, 1, 1],
             padding: [0; 3],

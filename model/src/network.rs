@@ -63,9 +63,6 @@ pub struct SparseLayer {
     pub name: String,
     /// Output sites = input sites; else a site exists where any input lies in its window.
     pub submanifold: bool,
-    /// A strided layer has the sites floor(input site / stride) alone, as in the Minkowski Engine: fewer than the windows that hold one.
-    #[serde(default, skip_serializing_if = "is_default")]
-    pub floor_sites: bool,
     /// Taps.
     pub kernel: [usize; 3],
     /// 1 for submanifold.

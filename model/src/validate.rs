@@ -287,14 +287,6 @@ impl SparseLayer {
             let same = !self.submanifold || (kernel == 2 * padding + 1 && self.stride[axis] == 1);
             let expected = "submanifold with stride 1, odd kernel, padding kernel / 2";
             require(same, field, expected, format_args!("{self:?}"))?;
-            let is_read = !self.submanifold && kernel >= self.stride[axis] + padding;
-            let expected = "a strided kernel that reaches every site, or no floor_sites";
-            require(
-                is_read || !self.floor_sites,
-                field,
-                expected,
-                format_args!("{self:?}"),
-            )?;
         }
         Ok(())
     }

@@ -4,7 +4,7 @@
 //! Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
 
 /// Factors of l, w, h, log-uniform: a guess that spans small carts and lorries.
-pub const FACTORS: [[f64; 2]; 3] = [[0.4, 2.4], [0.5, 1.6], [0.25, 2.0]];
+pub const FACTORS: [[f64; 2]; 3] = [[0.45, 2.4], [0.65, 1.6], [0.7, 2.0]];
 /// Chance of a join, of a scaled object otherwise.
 pub const JOIN_CHANCE: f64 = 0.35;
 /// Chance of a cut.
@@ -15,7 +15,7 @@ pub const CUT_SHARE: [f64; 2] = [0.2, 0.45];
 pub const CUT_LOW: f64 = 0.25;
 
 /// Smallest and largest l, w, h of anything on a road, m.
-const SIZES_M: [[f64; 2]; 3] = [[0.3, 14.0], [0.3, 3.2], [0.25, 4.2]];
+const SIZES_M: [[f64; 2]; 3] = [[0.4, 14.0], [0.4, 3.2], [0.8, 4.2]];
 /// All three sizes within this factor of a class' mean: still an object of that class.
 const ALIKE_FACTOR: f64 = 1.25;
 

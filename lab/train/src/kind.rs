@@ -133,10 +133,6 @@ impl Setting {
         if self == Setting::Any {
             network.input = VoxelInput::Local;
             network.halo_layers = Some(network.block1.len() + 1);
-            let strided = network.sparse.iter_mut().find(|layer| !layer.submanifold);
-            if let Some(layer) = strided {
-                layer.floor_sites = true;
-            }
         }
         network
     }

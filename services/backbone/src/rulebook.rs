@@ -12,16 +12,12 @@ use crate::sites::{Sites, even_bits};
 /// Output sites that one task looks up: some 50 microseconds of work.
 const ROWS_A_TASK: usize = 1024;
 
-/// The sites of a strided layer: every cell whose window holds an input site, or with `floor_sites` every cell
-/// floor(input site / stride). `output` has the layer's output shape.
+/// The sites of a strided layer: every cell whose window holds an input site. `output` has the layer's output shape.
 pub(crate) fn output_sites(layer: &SparseLayer, input: &Sites, output: &mut Sites) {
     output.clear();
     let along_x = (layer.kernel[2], layer.stride[2], layer.padding[2]);
     match along_x {
         (1, 1, 0) => insert_words(layer, input, output, |word| word),
-        (3, 2, 1) if layer.floor_sites => {
-            insert_words(layer, input, output, |word| even_bits(word | word >> 1));
-        }
         (3, 2, 1) => insert_words(layer, input, output, halved),
         _ => insert_cells(layer, input, output),
     }
@@ -68,13 +64,9 @@ fn halved(word: u64) -> u64 {
     even_bits(word | word << 1 | word >> 1) | (word >> 63) << 32
 }
 
-/// Output positions whose window along one axis holds `at`: all o with o * stride - padding <= at < that + kernel; with
-/// `floor_sites` the one at floor(at / stride).
+/// Output positions whose window along one axis holds `at`: all o with o * stride - padding <= at < that + kernel.
 fn readers(layer: &SparseLayer, axis: usize, at: usize, edge: usize) -> std::ops::Range<usize> {
     let (kernel, stride) = (layer.kernel[axis], layer.stride[axis]);
-    if layer.floor_sites {
-        return at / stride..(at / stride + 1).min(edge);
-    }
     let last_covered = at + layer.padding[axis];
     let first = (last_covered + 1).saturating_sub(kernel).div_ceil(stride);
     first..(last_covered / stride + 1).min(edge)
@@ -162,9 +154,6 @@ mod tests {
             let taps: Vec<u32> = (0..layer.taps()).map(read).collect();
             let exists = if layer.submanifold {
                 input.coordinates().contains(&site)
-            } else if layer.floor_sites {
-                let mut sites = input.coordinates().iter();
-                sites.any(|site| [0, 1, 2].map(|i| usize::from(site[i]) / layer.stride[i]) == at)
             } else {
                 taps.iter().any(|tap| *tap != ABSENT)
             };
@@ -188,18 +177,13 @@ mod tests {
             (11, [5, 3, 200], 150),
             (2, [4, 4, 4], 0),
         ] {
+            let layer = &second.sparse[number];
             let input = random_sites(shape, count, number as u64);
-            for floor_sites in [false, true] {
-                let layer = &SparseLayer {
-                    floor_sites,
-                    ..second.sparse[number].clone()
-                };
-                let (output, table) = rulebook(layer, &input);
-                let (sites, index) = brute_force(layer, &input);
-                assert_eq!(output.coordinates(), sites, "{}", layer.name);
-                assert_eq!(table.index, index, "{}", layer.name);
-                assert_eq!(table.taps, layer.taps());
-            }
+            let (output, table) = rulebook(layer, &input);
+            let (sites, index) = brute_force(layer, &input);
+            assert_eq!(output.coordinates(), sites, "{}", layer.name);
+            assert_eq!(table.index, index, "{}", layer.name);
+            assert_eq!(table.taps, layer.taps());
         }
     }
 }

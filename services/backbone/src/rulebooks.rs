@@ -87,10 +87,7 @@ pub(crate) fn sites_max(network: &Network) -> Vec<usize> {
     let cells = |shape: &[usize; 3]| shape.iter().product::<usize>();
     let mut most = vec![cells(&shapes[0]).min(network.grid.voxels_max as usize)];
     for (layer, shape) in network.sparse.iter().zip(&shapes[1..]) {
-        let windows = |axis: usize| match layer.floor_sites {
-            true => 1,
-            false => layer.kernel[axis].div_ceil(layer.stride[axis]),
-        };
+        let windows = |axis: usize| layer.kernel[axis].div_ceil(layer.stride[axis]);
         let before = most[most.len() - 1];
         most.push(if layer.submanifold {
             before

@@ -33,11 +33,10 @@ fn active_cells_give_the_dense_result_and_absent_cells_the_empty_scene() -> Fall
     Ok(())
 }
 
-/// Of a frame: each level's values by its name, and the cells of block2 that were computed.
-fn levels(
-    backbone: &mut Backbone,
-    blobs: usize,
-) -> Fallible<(BTreeMap<String, Vec<f32>>, BTreeSet<usize>)> {
+/// Each level's values by its name, and the cells of block2 that were computed.
+type Levels = (BTreeMap<String, Vec<f32>>, BTreeSet<usize>);
+
+fn levels(backbone: &mut Backbone, blobs: usize) -> Fallible<Levels> {
     let mut levels = BTreeMap::new();
     let observe = &mut |level: Level| {
         levels.insert(level.name.to_owned(), level.values.to_vec());
