@@ -88,8 +88,11 @@ fn after_the_halo_a_layer_computes_the_cells_of_the_layer_before() -> Fallible {
 
 #[test]
 fn the_bits_do_not_depend_on_threads_or_on_the_frame_before() -> Fallible {
-    let manifest = manifest();
-    for precision in Precision::ALL {
+    let mut manifest = manifest();
+    let halo_layers = [None, Some(manifest.network.block1.len() + 1)];
+    let cases = Precision::ALL.map(|precision| halo_layers.map(|layers| (precision, layers)));
+    for (precision, halo_layers) in cases.into_iter().flatten() {
+        manifest.network.halo_layers = halo_layers;
         let fresh = backbone(&manifest, precision)?;
         let run = |threads: usize, before: &[&str]| -> Fallible<Vec<u32>> {
             let mut backbone = fresh.clone();
