@@ -63,6 +63,9 @@ pub struct SparseLayer {
     pub name: String,
     /// Output sites = input sites; else a site exists where any input lies in its window.
     pub submanifold: bool,
+    /// Of a strided layer: a site exists only at floor(site / stride) of an input (as in the Minkowski Engine): fewer of them.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub floor: bool,
     /// Taps.
     pub kernel: [usize; 3],
     /// 1 for submanifold.

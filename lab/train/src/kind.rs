@@ -133,6 +133,8 @@ impl Setting {
         if self == Setting::Any {
             network.input = VoxelInput::Local;
             network.halo_layers = Some(network.block1.len() + 1);
+            let halves = network.sparse.iter_mut().find(|layer| !layer.submanifold);
+            halves.into_iter().for_each(|layer| layer.floor = true);
         }
         network
     }

@@ -18,6 +18,7 @@ use crate::kind::Setting;
 use crate::plan::{Plan, Planner};
 use crate::settings::TrainSettings;
 use crate::source::ScanSource;
+use crate::stream;
 use crate::targets::{CellClass, CellLabel, Targets};
 use crate::thin::thin;
 
@@ -98,8 +99,8 @@ impl DataLoader {
         self.order.1[(place % count) as usize] as usize
     }
 
-    /// The batch of a step.
-    pub fn prepare(&mut self, step: u64) -> Result<Batch, TrainError> {
+    /// The points of a step's frames, and their labels but those of the background.
+    fn frames(&mut self, step: u64) -> Result<(Vec<Vec<[f32; 4]>>, Vec<Targets>), TrainError> {
         let (mut scans, mut targets) = (vec![], vec![]);
         for number in 0..self.batch as u64 {
             let place = step * self.batch as u64 + number;
@@ -120,6 +121,12 @@ impl DataLoader {
             targets.push(self.anchors.assign(&scan.objects));
             scans.push(scan.points);
         }
+        Ok((scans, targets))
+    }
+
+    /// The batch of a step.
+    pub fn prepare(&mut self, step: u64) -> Result<Batch, TrainError> {
+        let (scans, mut targets) = self.frames(step)?;
         let plan = self.planner.plan(&scans);
         let network = &self.manifest.network;
         let [rows, columns] = network.map_shape();
@@ -142,6 +149,16 @@ impl DataLoader {
         })
     }
 
+    /// The voxels and labels of a step's frames for [another trainer](crate::stream).
+    pub(crate) fn prepare_bytes(&mut self, step: u64) -> Result<Vec<u8>, TrainError> {
+        let (scans, targets) = self.frames(step)?;
+        let mut bytes = vec![];
+        for (scan, targets) in scans.iter().zip(&targets) {
+            stream::write_frame(self.planner.voxels(scan), targets, &mut bytes);
+        }
+        Ok(bytes)
+    }
+
     /// Labels cells of a frame that hold points (`occupied`) and nothing else.
     fn label_background(&self, mut occupied: Vec<u32>, targets: &mut Targets, place: u64) {
         if self.background_cells == 0 {
@@ -161,15 +178,19 @@ impl DataLoader {
         targets.cells.extend(occupied.into_iter().map(background));
     }
 
-    /// Batches of `steps` in order, prepared ahead by one thread for every four cores. The threads end when the queue is dropped.
-    pub fn spawn(self, steps: std::ops::Range<u64>) -> BatchQueue {
-        let workers = rayon::current_num_threads().div_ceil(4);
+    /// Batches of `steps` in order, as `prepare` makes them ahead on so many threads. The threads end when the queue is dropped.
+    pub fn spawn<T: Send + 'static>(
+        self,
+        steps: std::ops::Range<u64>,
+        workers: usize,
+        prepare: fn(&mut DataLoader, u64) -> Result<T, TrainError>,
+    ) -> BatchQueue<T> {
         let spawn = |first: usize| {
             let (sender, receiver) = bounded(QUEUE);
             let (mut loader, steps) = (self.clone(), steps.clone().skip(first).step_by(workers));
             std::thread::spawn(move || {
                 for step in steps {
-                    let batch = loader.prepare(step);
+                    let batch = prepare(&mut loader, step);
                     let failed = batch.is_err();
                     if sender.send(batch).is_err() || failed {
                         return;
@@ -183,11 +204,11 @@ impl DataLoader {
 }
 
 /// Batches in the order of their steps; the threads take turns.
-pub struct BatchQueue(VecDeque<Receiver<Result<Batch, TrainError>>>);
+pub struct BatchQueue<T = Batch>(VecDeque<Receiver<Result<T, TrainError>>>);
 
-impl BatchQueue {
+impl<T> BatchQueue<T> {
     /// The next step's batch; `None` after the last one, or where the thread that prepares it ended.
-    pub fn take(&mut self) -> Option<Result<Batch, TrainError>> {
+    pub fn take(&mut self) -> Option<Result<T, TrainError>> {
         let batch = self.0.front()?.recv().ok();
         self.0.rotate_left(1);
         batch

@@ -134,6 +134,16 @@ impl Planner {
         }
     }
 
+    /// The voxels of a scan (x, y, z in m, intensity), as the network reads them.
+    pub(crate) fn voxels(&mut self, scan: &[[f32; 4]]) -> &Voxels {
+        let grid = &self.network.grid;
+        voxelize(scan, grid, false, &mut self.voxels);
+        if self.network.input == VoxelInput::Local {
+            localize(grid, &mut self.voxels);
+        }
+        &self.voxels
+    }
+
     /// The plan of a batch of scans (x, y, z in m, intensity).
     pub fn plan(&mut self, scans: &[Vec<[f32; 4]>]) -> Plan {
         let [rows, columns] = self.network.map_shape();
@@ -144,11 +154,7 @@ impl Planner {
         let mut counts = vec![0; gathers.len()];
         let (mut voxels, mut scatter) = (vec![], vec![]);
         for (frame, scan) in scans.iter().enumerate() {
-            let grid = &self.network.grid;
-            voxelize(scan, grid, false, &mut self.voxels);
-            if self.network.input == VoxelInput::Local {
-                localize(grid, &mut self.voxels);
-            }
+            self.voxels(scan);
             let first = &self.voxels.sites;
             self.books.build(&self.network, first);
             voxels.extend_from_slice(&self.voxels.rows);

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::io::Write;
 use std::path::PathBuf;
 
 use mluc_model::{Manifest, Model, ModelError, Provenance, VoxelInput, model_bytes};
@@ -18,7 +19,7 @@ use crate::settings::TrainSettings;
 use crate::source::ScanSource;
 use crate::trainer::Trainer;
 use crate::validate::validate;
-use crate::{check, checkpoint, export, import, run_folder};
+use crate::{check, checkpoint, export, import, run_folder, stream};
 
 /// Frames that the cluster scorer is fitted on.
 const CLUSTER_FRAMES: usize = 300;
@@ -133,7 +134,8 @@ impl Run {
         let database = std::mem::take(&mut self.database);
         let loader = DataLoader::new(&settings, &self.manifest, self.source.clone(), database);
         let first = self.trainer.state.step;
-        let mut batches = loader.spawn(first..settings.steps);
+        let workers = rayon::current_num_threads().div_ceil(4);
+        let mut batches = loader.spawn(first..settings.steps, workers, DataLoader::prepare);
         let mut log = Log::open(&settings, first > 0)?;
         let epoch_steps = (self.source.count().div_ceil(settings.batch) as u64).max(1);
         for step in first..settings.steps {
@@ -158,6 +160,22 @@ impl Run {
         self.save()?;
         self.judge(notify)?;
         self.save()
+    }
+
+    /// Writes the network as it begins, and all batches to `to`, for [a trainer on a GPU](crate::stream).
+    pub fn stream(mut self, to: &mut impl Write) -> Result<(), TrainError> {
+        self.save()?;
+        let settings = self.settings.clone();
+        let database = std::mem::take(&mut self.database);
+        let loader = DataLoader::new(&settings, &self.manifest, self.source.clone(), database);
+        let workers = rayon::current_num_threads();
+        let mut batches = loader.spawn(0..settings.steps, workers, DataLoader::prepare_bytes);
+        let fault = |cause| TrainError::io("standard output".as_ref(), cause);
+        writeln!(to, "{}", stream::header(&settings)).map_err(fault)?;
+        while let Some(batch) = batches.take() {
+            to.write_all(&batch?).map_err(fault)?;
+        }
+        to.flush().map_err(fault)
     }
 
     /// Validates the model file just written; its figures go into the next one and `validation.json`.

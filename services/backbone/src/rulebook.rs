@@ -1,7 +1,7 @@
 //! Which input site each tap of each output site reads ("rulebook" in the sparse-convolution literature).
 //!
-//! A submanifold layer keeps its input's sites; a strided one has a site wherever its window holds any input. Taps are in
-//! (kz, ky, kx) order, the order of the weights.
+//! A submanifold layer keeps its input's sites; a strided one has a site wherever its window holds any input, or, with `floor`, at
+//! floor(site / stride) of each input. Taps are in (kz, ky, kx) order, the order of the weights.
 
 use mluc_kernels::{ABSENT, Gather, at_best};
 use mluc_model::{KERNEL_MAX, SparseLayer};
@@ -12,12 +12,15 @@ use crate::sites::{Sites, even_bits};
 /// Output sites that one task looks up: some 50 microseconds of work.
 const ROWS_A_TASK: usize = 1024;
 
-/// The sites of a strided layer: every cell whose window holds an input site. `output` has the layer's output shape.
+/// The sites of a strided layer. `output` has the layer's output shape.
 pub(crate) fn output_sites(layer: &SparseLayer, input: &Sites, output: &mut Sites) {
     output.clear();
     let along_x = (layer.kernel[2], layer.stride[2], layer.padding[2]);
     match along_x {
         (1, 1, 0) => insert_words(layer, input, output, |word| word),
+        (3, 2, 1) if layer.floor => {
+            insert_words(layer, input, output, |word| even_bits(word | word >> 1))
+        }
         (3, 2, 1) => insert_words(layer, input, output, halved),
         _ => insert_cells(layer, input, output),
     }
@@ -64,9 +67,13 @@ fn halved(word: u64) -> u64 {
     even_bits(word | word << 1 | word >> 1) | (word >> 63) << 32
 }
 
-/// Output positions whose window along one axis holds `at`: all o with o * stride - padding <= at < that + kernel.
+/// Output positions along one axis that exist for `at`: all o whose window holds it, o * stride - padding <= at < that + kernel; or its
+/// floor.
 fn readers(layer: &SparseLayer, axis: usize, at: usize, edge: usize) -> std::ops::Range<usize> {
     let (kernel, stride) = (layer.kernel[axis], layer.stride[axis]);
+    if layer.floor {
+        return (at / stride).min(edge)..(at / stride + 1).min(edge);
+    }
     let last_covered = at + layer.padding[axis];
     let first = (last_covered + 1).saturating_sub(kernel).div_ceil(stride);
     first..(last_covered / stride + 1).min(edge)
@@ -154,6 +161,9 @@ mod tests {
             let taps: Vec<u32> = (0..layer.taps()).map(read).collect();
             let exists = if layer.submanifold {
                 input.coordinates().contains(&site)
+            } else if layer.floor {
+                let mut sites = input.coordinates().iter();
+                sites.any(|site| (0..3).all(|i| site[i] as usize / layer.stride[i] == at[i]))
             } else {
                 taps.iter().any(|tap| *tap != ABSENT)
             };
@@ -168,7 +178,7 @@ mod tests {
     #[test]
     fn tables_agree_with_the_definition_for_every_kind_of_layer() {
         let second = Network::second(Grid::kitti_second(), 3);
-        for (number, shape, count) in [
+        for (number, shape, count, floor) in [
             (0, [6, 9, 70], 300),
             (2, [7, 10, 67], 200),
             (8, [6, 8, 66], 200),
@@ -176,8 +186,14 @@ mod tests {
             (2, [3, 5, 200], 700),
             (11, [5, 3, 200], 150),
             (2, [4, 4, 4], 0),
-        ] {
-            let layer = &second.sparse[number];
+        ]
+        .into_iter()
+        .flat_map(|(number, shape, count)| [false, true].map(|floor| (number, shape, count, floor)))
+        {
+            let layer = &SparseLayer {
+                floor: floor && !second.sparse[number].submanifold,
+                ..second.sparse[number].clone()
+            };
             let input = random_sites(shape, count, number as u64);
             let (output, table) = rulebook(layer, &input);
             let (sites, index) = brute_force(layer, &input);

@@ -17,6 +17,9 @@ pub(crate) struct Train {
     settings: TrainSettings,
     #[command(flatten)]
     threads: Threads,
+    /// Write the batches to standard output, for tools/train_on_gpu, and train nothing here.
+    #[arg(long)]
+    stream: bool,
 }
 
 /// The commit that is checked out; `unknown` where git or a repository is not at hand.
@@ -62,11 +65,18 @@ pub(crate) fn run(arguments: Train) -> anyhow::Result<()> {
     tune_memory();
     arguments.threads.start()?;
     let commit = commit();
-    let path = train(&TrainSettings {
+    let settings = TrainSettings {
         commit,
         ..arguments.settings
-    })?;
-    print_out(path.display())
+    };
+    if arguments.stream {
+        let note = |event: TrainEvent| match event {
+            TrainEvent::Note(text) => print_err(text),
+            TrainEvent::Progress(_) => (),
+        };
+        return Ok(Run::prepare(&settings, &mut { note })?.stream(&mut std::io::stdout().lock())?);
+    }
+    print_out(train(&settings)?.display())
 }
 
 /// Trains and shows how far it is; gives the model file.

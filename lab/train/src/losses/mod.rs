@@ -13,7 +13,7 @@ use crate::network::Outputs;
 use crate::plan::MapPlan;
 
 /// The settings of the losses on cells (paper section 3.2).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct LossSettings {
     /// T: prototype t is T times the t-th unit vector.
     pub prototype_scale: f32,

@@ -1,0 +1,87 @@
+//! The batches of a run for a trainer elsewhere: `tools/train_on_gpu`.
+//!
+//! A line of JSON: the settings of the run. Then the frames, one after another, little-endian: how many voxels, positive anchors,
+//! ignored anchors and cells (u32 each); voxels (u16 z, y, x of each, then the f32 rows); positives (u32 cell, anchor and direction bin,
+//! 7 f32 box codes); ignored anchors (u32 numbers in the map); cells (u32 cell, i32 class or -1 for unknown, f32 weight).
+
+use mluc_backbone::Voxels;
+
+use crate::settings::TrainSettings;
+use crate::targets::{CellClass, Targets};
+
+/// The settings that the other trainer needs.
+pub(crate) fn header(settings: &TrainSettings) -> serde_json::Value {
+    serde_json::json!({
+        "steps": settings.steps, "batch": settings.batch, "rate_max": settings.learning_rate,
+        "background_cells": settings.background_cells(), "losses": settings.losses(),
+    })
+}
+
+/// Appends a frame.
+pub(crate) fn write_frame(voxels: &Voxels, targets: &Targets, to: &mut Vec<u8>) {
+    let sites = voxels.sites.coordinates();
+    let (positives, ignored) = (&targets.positives, &targets.ignored);
+    let lengths = [positives.len(), ignored.len(), targets.cells.len()];
+    for count in [sites.len()].iter().chain(&lengths) {
+        to.extend((*count as u32).to_le_bytes());
+    }
+    to.extend(sites.iter().flatten().flat_map(|at| at.to_le_bytes()));
+    to.extend(voxels.rows.iter().flat_map(|value| value.to_le_bytes()));
+    for p in positives {
+        let places = [p.cell, p.anchor, p.bin.into()];
+        to.extend(places.iter().flat_map(|place| place.to_le_bytes()));
+        to.extend(p.codes.iter().flat_map(|code| code.to_le_bytes()));
+    }
+    to.extend(ignored.iter().flat_map(|anchor| anchor.to_le_bytes()));
+    for label in &targets.cells {
+        let class = match label.is {
+            CellClass::Known(class) => class as i32,
+            CellClass::Unknown | CellClass::Background => -1,
+        };
+        to.extend(label.cell.to_le_bytes());
+        to.extend(class.to_le_bytes());
+        to.extend(label.weight.to_le_bytes());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::targets::{CellLabel, Positive};
+    use mluc_backbone::voxelize;
+    use mluc_model::Grid;
+
+    #[test]
+    fn a_frame_is_what_its_reader_expects() {
+        let mut voxels = Voxels::new(&Grid::any());
+        voxelize(&[[0.05, 0.05, 0.1, 0.5]], &Grid::any(), false, &mut voxels);
+        let cell = |cell, is| CellLabel {
+            cell,
+            is,
+            weight: 0.5,
+        };
+        let targets = Targets {
+            positives: vec![Positive {
+                cell: 7,
+                anchor: 3,
+                codes: [0.25; 7],
+                bin: 1,
+            }],
+            ignored: vec![9, 11],
+            cells: vec![cell(7, CellClass::Known(2)), cell(8, CellClass::Unknown)],
+        };
+        let mut bytes = vec![];
+        write_frame(&voxels, &targets, &mut bytes);
+        let (head, rest) = bytes.split_at(16 + 6);
+        let small: Vec<u8> = head.iter().copied().step_by(2).collect();
+        assert_eq!(small, [1, 0, 1, 0, 2, 0, 2, 0, 4, 0, 0]);
+        assert_eq!(head[18..], [0, 2, 0, 2]);
+        let word = |i: usize| u32::from_le_bytes(rest[4 * i..][..4].try_into().expect("four"));
+        let codes = [0.25_f32.to_bits(); 7];
+        let half = 0.5_f32.to_bits();
+        let row = [0.05_f32, 0.05, 0.1, 0.0].map(f32::to_bits);
+        let labels = [9, 11, 7, 2, half, 8, u32::MAX, half];
+        let expected = [&row[..], &[7, 3, 1], &codes, &labels].concat();
+        assert_eq!((0..rest.len() / 4).map(word).collect::<Vec<_>>(), expected);
+    }
+}
