@@ -8,8 +8,7 @@ pub struct Polygon<const MAX: usize> {
 }
 
 impl<const MAX: usize> Polygon<MAX> {
-    /// From corners in order; those beyond `MAX` are left out. Rounding could add such a corner only to a polygon that is not
-    /// convex.
+    /// From corners in order; those beyond `MAX` are left out. Rounding could add such a corner only to a polygon that is not convex.
     pub fn new(corners: impl IntoIterator<Item = [f64; 2]>) -> Polygon<MAX> {
         let (mut polygon, corners) = (Polygon::EMPTY, corners.into_iter());
         corners.for_each(|corner| polygon.push(corner));

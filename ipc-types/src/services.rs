@@ -44,8 +44,7 @@ impl Topic {
         loans: 2,
         history: 0,
     };
-    /// Feature rows: backbone to head. The producer's model says how large its messages get: `elements_max` is a bound and no
-    /// pool.
+    /// Feature rows: backbone to head. The producer's model says how large its messages get: `elements_max` is a bound and no pool.
     pub const FEATURES: Topic = Topic {
         name: "features",
         elements_max: feature_blocks(CELLS_MAX, FEATURE_CHANNELS_MAX, GROUND_NODES_MAX),

@@ -160,8 +160,7 @@ fn tiles_of_the_last_frame_are_forgotten_and_a_bias_may_be_missing() {
     assert_near(&found, &case.expected(false), 1e-5, "no bias");
 }
 
-/// Counts and weights at their largest; and rows of counts out of rounded weights, as the direct kernels give them from
-/// bytes.
+/// Counts and weights at their largest; and rows of counts out of rounded weights, as the direct kernels give them from bytes.
 #[test]
 fn the_largest_sums_and_the_rounding_of_counts_are_the_direct_ones() {
     let (cin, cout) = (512, 16);

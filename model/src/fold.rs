@@ -132,6 +132,7 @@ mod tests {
         let layer = SparseLayer {
             name: "s".into(),
             submanifold: false,
+            floor: false,
             kernel: [3, 1, 1],
             stride: [2, 1, 1],
             padding: [0; 3],

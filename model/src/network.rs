@@ -63,7 +63,7 @@ pub struct SparseLayer {
     pub name: String,
     /// Output sites = input sites; else a site exists where any input lies in its window.
     pub submanifold: bool,
-    /// Of a strided layer: a site exists only at floor(site / stride) of an input (as in the Minkowski Engine): fewer of them.
+    /// Of a strided layer: a site exists only at floor(site / stride) of an input inside the output's grid (as in the Minkowski Engine).
     #[serde(default, skip_serializing_if = "is_default")]
     pub floor: bool,
     /// Taps.

@@ -287,6 +287,9 @@ impl SparseLayer {
             let same = !self.submanifold || (kernel == 2 * padding + 1 && self.stride[axis] == 1);
             let expected = "submanifold with stride 1, odd kernel, padding kernel / 2";
             require(same, field, expected, format_args!("{self:?}"))?;
+            let reads_own = !self.submanifold && kernel - padding >= self.stride[axis];
+            let expected = "floor on a strided layer whose sites read what they stand for";
+            require(!self.floor || reads_own, field, expected, "another")?;
         }
         Ok(())
     }

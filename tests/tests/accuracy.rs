@@ -91,8 +91,7 @@ fn shipped_models_keep_their_accuracy() {
     }
 }
 
-/// The floor is not so low that a fault passes: boxes that lie half a metre off, and a weight of the network's first
-/// layers lost.
+/// The floor is not so low that a fault passes: boxes that lie half a metre off, and a weight of the network's first layers lost.
 #[test]
 fn a_broken_decoder_or_weight_falls_below_the_floor() {
     for (name, floor) in &floors() {

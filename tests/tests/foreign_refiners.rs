@@ -151,8 +151,7 @@ fn a_refiner_that_outlives_three_runs_loses_no_frame() {
     }
 }
 
-/// Before each answer this one sends sequences that never were, that go back, and messages of another run, model and
-/// version.
+/// Before each answer this one sends sequences that never were, that go back, and messages of another run, model and version.
 #[test]
 fn hostile_sequences_silence_nobody() {
     let Some(mut command) = python_script("tests/contract/tests/wrong_refiner.py") else {

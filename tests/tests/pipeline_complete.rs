@@ -130,8 +130,7 @@ fn stages_start_in_any_order_and_say_what_they_wait_for() {
     let _head = says("head", "waiting for features: no producer is running");
 }
 
-/// Each stage looks up every payload that it is given in its own `/proc/self/maps`; the bytes that cross shared memory
-/// are counted.
+/// Each stage looks up every payload that it is given in its own `/proc/self/maps`; the bytes that cross shared memory are counted.
 #[test]
 fn payloads_are_read_where_they_lie_and_written_once() {
     let scan_bytes = car_scan(8.0).len() as u64 * 16;

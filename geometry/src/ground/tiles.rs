@@ -26,8 +26,7 @@ pub fn tile_of([x, y, z]: [f32; 3]) -> u32 {
     }
 }
 
-/// The whole part of a number of 0 to 2^23, by steps that registers of several numbers can do: adding 2^23 leaves it in
-/// the low bits.
+/// The whole part of a number of 0 to 2^23, by steps that registers of several numbers can do: adding 2^23 leaves it in the low bits.
 #[inline(always)]
 pub fn whole(v: f32) -> u32 {
     (v.trunc() + 8_388_608.0).to_bits() & 0x7F_FFFF

@@ -7,8 +7,7 @@ use super::{Kernel, Lists, Simd};
 
 mod list;
 
-/// Made where the features are known only, so whoever holds one runs on a processor that has these registers and
-/// products.
+/// Made where the features are known only, so whoever holds one runs on a processor that has these registers and products.
 #[derive(Clone, Copy)]
 pub(crate) struct Avx512<const BF16: bool, const VNNI: bool>(());
 

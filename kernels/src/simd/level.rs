@@ -98,8 +98,7 @@ impl Level {
         FASTEST.store(self.0 as u8, Ordering::Relaxed);
     }
 
-    /// `avx512bf16`, `avx512vnni`, `avx512`, `avxvnni`, `avx2`, `neondot`, `neon` or `portable`, for a report of what a
-    /// machine runs.
+    /// `avx512bf16`, `avx512vnni`, `avx512`, `avxvnni`, `avx2`, `neondot`, `neon` or `portable`, for a report of what a machine runs.
     pub fn name(self) -> &'static str {
         KINDS[self.0 as usize].1
     }

@@ -11,8 +11,7 @@ pub const UNKNOWN: &str = "unknown";
 /// The devkit's classes with the overlap that it asks for.
 const KITTI_CLASSES: [(&str, f64); 3] = [("car", 0.7), ("pedestrian", 0.5), ("cyclist", 0.5)];
 
-/// Labelled classes that are never taken for known unless they are named: KITTI ignores them or counts them as
-/// background.
+/// Labelled classes that are never taken for known unless they are named: KITTI ignores them or counts them as background.
 const NEVER_KNOWN_UNASKED: [&str; 6] =
     ["dontcare", "misc", "tram", "van", "person_sitting", UNKNOWN];
 

@@ -16,6 +16,7 @@ use crate::database::Database;
 use crate::error::TrainError;
 use crate::kind::Setting;
 use crate::plan::{Plan, Planner};
+use crate::scan::LabelledScan;
 use crate::settings::TrainSettings;
 use crate::source::ScanSource;
 use crate::stream;
@@ -99,9 +100,9 @@ impl DataLoader {
         self.order.1[(place % count) as usize] as usize
     }
 
-    /// The points of a step's frames, and their labels but those of the background.
-    fn frames(&mut self, step: u64) -> Result<(Vec<Vec<[f32; 4]>>, Vec<Targets>), TrainError> {
-        let (mut scans, mut targets) = (vec![], vec![]);
+    /// A step's frames, and their labels but those of the background.
+    fn frames(&mut self, step: u64) -> Result<Vec<(LabelledScan, Targets)>, TrainError> {
+        let mut frames = vec![];
         for number in 0..self.batch as u64 {
             let place = step * self.batch as u64 + number;
             let frame = self.frame_number(place);
@@ -118,15 +119,16 @@ impl DataLoader {
                 augmentation.apply(&mut scan, &mut Random::new(self.seed, &[2, place]));
             }
             crop(&mut scan, &self.manifest.network.grid);
-            targets.push(self.anchors.assign(&scan.objects));
-            scans.push(scan.points);
+            let targets = self.anchors.assign(&scan.objects);
+            frames.push((scan, targets));
         }
-        Ok((scans, targets))
+        Ok(frames)
     }
 
     /// The batch of a step.
     pub fn prepare(&mut self, step: u64) -> Result<Batch, TrainError> {
-        let (scans, mut targets) = self.frames(step)?;
+        let frames = self.frames(step)?.into_iter();
+        let (scans, mut targets): (Vec<_>, Vec<_>) = frames.map(|(s, t)| (s.points, t)).unzip();
         let plan = self.planner.plan(&scans);
         let network = &self.manifest.network;
         let [rows, columns] = network.map_shape();
@@ -151,10 +153,9 @@ impl DataLoader {
 
     /// The voxels and labels of a step's frames for [another trainer](crate::stream).
     pub(crate) fn prepare_bytes(&mut self, step: u64) -> Result<Vec<u8>, TrainError> {
-        let (scans, targets) = self.frames(step)?;
         let mut bytes = vec![];
-        for (scan, targets) in scans.iter().zip(&targets) {
-            stream::write_frame(self.planner.voxels(scan), targets, &mut bytes);
+        for (scan, targets) in self.frames(step)? {
+            stream::write_frame(self.planner.voxels(&scan.points), &targets, &mut bytes);
         }
         Ok(bytes)
     }
@@ -178,13 +179,13 @@ impl DataLoader {
         targets.cells.extend(occupied.into_iter().map(background));
     }
 
-    /// Batches of `steps` in order, as `prepare` makes them ahead on so many threads. The threads end when the queue is dropped.
+    /// Batches of `steps` in order, as `prepare` makes them ahead on one thread for every four cores. The threads end when the queue is dropped.
     pub fn spawn<T: Send + 'static>(
         self,
         steps: std::ops::Range<u64>,
-        workers: usize,
         prepare: fn(&mut DataLoader, u64) -> Result<T, TrainError>,
     ) -> BatchQueue<T> {
+        let workers = rayon::current_num_threads().div_ceil(4);
         let spawn = |first: usize| {
             let (sender, receiver) = bounded(QUEUE);
             let (mut loader, steps) = (self.clone(), steps.clone().skip(first).step_by(workers));
@@ -207,10 +208,11 @@ impl DataLoader {
 pub struct BatchQueue<T = Batch>(VecDeque<Receiver<Result<T, TrainError>>>);
 
 impl<T> BatchQueue<T> {
-    /// The next step's batch; `None` after the last one, or where the thread that prepares it ended.
-    pub fn take(&mut self) -> Option<Result<T, TrainError>> {
-        let batch = self.0.front()?.recv().ok();
+    /// The next step's batch.
+    pub fn take(&mut self, step: u64) -> Result<T, TrainError> {
+        let ended = || format!("the thread that prepares batches ended before step {step}");
+        let received = self.0.front().and_then(|queue| queue.recv().ok());
         self.0.rotate_left(1);
-        batch
+        received.ok_or_else(|| TrainError::Stopped(ended()))?
     }
 }

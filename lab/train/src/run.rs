@@ -12,7 +12,7 @@ use serde_json::json;
 use crate::cluster_scorer::fit_cluster_scorer;
 use crate::database::{self, Database, mean_boxes};
 use crate::error::TrainError;
-use crate::loader::DataLoader;
+use crate::loader::{BatchQueue, DataLoader};
 use crate::log::{Log, TrainEvent};
 use crate::optimizer::Schedule;
 use crate::settings::TrainSettings;
@@ -125,28 +125,15 @@ impl Run {
             notify(TrainEvent::Note(text.into()));
             return Ok(self.model_path());
         }
-        if self.settings.fits_cluster_scorer() {
-            let (manifest, seed) = (&self.manifest, self.settings.seed);
-            let scorer = fit_cluster_scorer(&self.source, manifest, CLUSTER_FRAMES, seed)?;
-            self.cluster_scorer = Some(scorer);
-        }
-        let settings = self.settings.clone();
-        let database = std::mem::take(&mut self.database);
-        let loader = DataLoader::new(&settings, &self.manifest, self.source.clone(), database);
-        let first = self.trainer.state.step;
-        let workers = rayon::current_num_threads().div_ceil(4);
-        let mut batches = loader.spawn(first..settings.steps, workers, DataLoader::prepare);
+        let mut batches = self.begin(DataLoader::prepare)?;
+        let (settings, first) = (self.settings.clone(), self.trainer.state.step);
         let mut log = Log::open(&settings, first > 0)?;
         let epoch_steps = (self.source.count().div_ceil(settings.batch) as u64).max(1);
         for step in first..settings.steps {
-            let ended = || format!("the thread that prepares batches ended before step {step}");
-            let ended = || TrainError::Stopped(ended());
-            let batch = batches.take().ok_or_else(ended)??;
-            let progress = self.trainer.step(&batch)?;
-            let done = progress.step;
-            if let Some(line) = log.add(progress)? {
+            if let Some(line) = log.add(self.trainer.step(&batches.take(step)?)?)? {
                 notify(TrainEvent::Progress(&line));
             }
+            let done = step + 1;
             let ends_epoch = done.is_multiple_of(epoch_steps);
             if done == settings.steps {
                 break;
@@ -162,18 +149,31 @@ impl Run {
         self.save()
     }
 
-    /// Writes the network as it begins, and all batches to `to`, for [a trainer on a GPU](crate::stream).
-    pub fn stream(mut self, to: &mut impl Write) -> Result<(), TrainError> {
-        self.save()?;
-        let settings = self.settings.clone();
+    /// Fits what is fitted before the first step, and starts the threads that prepare batches.
+    fn begin<T: Send + 'static>(
+        &mut self,
+        prepare: fn(&mut DataLoader, u64) -> Result<T, TrainError>,
+    ) -> Result<BatchQueue<T>, TrainError> {
+        let (settings, source) = (&self.settings, self.source.clone());
+        if settings.fits_cluster_scorer() {
+            let (manifest, seed) = (&self.manifest, settings.seed);
+            let scorer = fit_cluster_scorer(&source, manifest, CLUSTER_FRAMES, seed)?;
+            self.cluster_scorer = Some(scorer);
+        }
         let database = std::mem::take(&mut self.database);
-        let loader = DataLoader::new(&settings, &self.manifest, self.source.clone(), database);
-        let workers = rayon::current_num_threads();
-        let mut batches = loader.spawn(0..settings.steps, workers, DataLoader::prepare_bytes);
+        let loader = DataLoader::new(settings, &self.manifest, source, database);
+        Ok(loader.spawn(self.trainer.state.step..settings.steps, prepare))
+    }
+
+    /// Writes the network as it begins, and all batches to `to`, for [a trainer on a GPU](crate::stream). It is not resumed.
+    pub fn stream(mut self, to: &mut impl Write) -> Result<(), TrainError> {
+        run_folder::refuse_other(&self.settings.out, "checkpoint.safetensors")?;
+        let mut batches = self.begin(DataLoader::prepare_bytes)?;
+        run_folder::write(&self.model_path(), &self.model()?)?;
         let fault = |cause| TrainError::io("standard output".as_ref(), cause);
-        writeln!(to, "{}", stream::header(&settings)).map_err(fault)?;
-        while let Some(batch) = batches.take() {
-            to.write_all(&batch?).map_err(fault)?;
+        writeln!(to, "{}", stream::header(&self.settings)).map_err(fault)?;
+        for step in 0..self.settings.steps {
+            to.write_all(&batches.take(step)?).map_err(fault)?;
         }
         to.flush().map_err(fault)
     }
@@ -217,6 +217,16 @@ impl Run {
 
     /// Checkpoint and model file. A model that nobody would take (values that are no numbers) leaves the last good checkpoint.
     fn save(&self) -> Result<PathBuf, TrainError> {
+        let bytes = self.model()?;
+        let checkpoint = self.settings.out.join("checkpoint.safetensors");
+        checkpoint::save(&checkpoint, &self.trainer.state, &self.origin)?;
+        let path = self.model_path();
+        run_folder::write(&path, &bytes)?;
+        Ok(path)
+    }
+
+    /// The bytes of the model file.
+    fn model(&self) -> Result<Vec<u8>, TrainError> {
         let (settings, state) = (&self.settings, &self.trainer.state);
         let chain = &self.trainer.chain;
         let mut manifest = self.manifest.clone();
@@ -235,12 +245,7 @@ impl Run {
         if let Some(scorer) = &self.cluster_scorer {
             scorer.write(&mut weights);
         }
-        let bytes = model_bytes(&manifest, &weights)?;
-        let checkpoint = settings.out.join("checkpoint.safetensors");
-        checkpoint::save(&checkpoint, state, &self.origin)?;
-        let path = self.model_path();
-        run_folder::write(&path, &bytes)?;
-        Ok(path)
+        Ok(model_bytes(&manifest, &weights)?)
     }
 }
 

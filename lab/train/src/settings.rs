@@ -259,6 +259,9 @@ impl TrainSettings {
         if !self.known.is_empty() {
             text += &format!(" known {}", self.known.join(","));
         }
+        if self.setting == Setting::Any {
+            text += " floored";
+        }
         if let Some(init) = &self.init {
             text += &format!(" init {}", init.display());
         }

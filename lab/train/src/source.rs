@@ -17,8 +17,7 @@ pub struct ScanSource {
     pub dataset: Dataset,
     /// Names of the known classes.
     pub classes: Vec<String>,
-    /// Whether objects labelled as synthetic unknown stand for the unknown; else they are of another kind, whose place is
-    /// ignored.
+    /// Whether objects labelled as synthetic unknown stand for the unknown; else they are of another kind, whose place is ignored.
     pub takes_synthetic_unknown: bool,
     /// How points and boxes are measured.
     pub input: VoxelInput,

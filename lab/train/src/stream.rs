@@ -35,12 +35,11 @@ pub(crate) fn write_frame(voxels: &Voxels, targets: &Targets, to: &mut Vec<u8>) 
     to.extend(ignored.iter().flat_map(|anchor| anchor.to_le_bytes()));
     for label in &targets.cells {
         let class = match label.is {
-            CellClass::Known(class) => class as i32,
-            CellClass::Unknown | CellClass::Background => -1,
+            CellClass::Known(class) => class,
+            CellClass::Unknown | CellClass::Background => u32::MAX,
         };
-        to.extend(label.cell.to_le_bytes());
-        to.extend(class.to_le_bytes());
-        to.extend(label.weight.to_le_bytes());
+        let words = [label.cell, class, label.weight.to_bits()];
+        to.extend(words.iter().flat_map(|word| word.to_le_bytes()));
     }
 }
 
@@ -55,33 +54,31 @@ mod tests {
     fn a_frame_is_what_its_reader_expects() {
         let mut voxels = Voxels::new(&Grid::any());
         voxelize(&[[0.05, 0.05, 0.1, 0.5]], &Grid::any(), false, &mut voxels);
-        let cell = |cell, is| CellLabel {
+        let cells = [(7, CellClass::Known(2)), (8, CellClass::Unknown)];
+        let label = |(cell, is)| CellLabel {
             cell,
             is,
             weight: 0.5,
         };
+        let (cell, anchor, codes, bin) = (7, 3, [0.25; 7], 1);
         let targets = Targets {
             positives: vec![Positive {
-                cell: 7,
-                anchor: 3,
-                codes: [0.25; 7],
-                bin: 1,
+                cell,
+                anchor,
+                codes,
+                bin,
             }],
             ignored: vec![9, 11],
-            cells: vec![cell(7, CellClass::Known(2)), cell(8, CellClass::Unknown)],
+            cells: cells.map(label).to_vec(),
         };
         let mut bytes = vec![];
         write_frame(&voxels, &targets, &mut bytes);
-        let (head, rest) = bytes.split_at(16 + 6);
-        let small: Vec<u8> = head.iter().copied().step_by(2).collect();
-        assert_eq!(small, [1, 0, 1, 0, 2, 0, 2, 0, 4, 0, 0]);
-        assert_eq!(head[18..], [0, 2, 0, 2]);
-        let word = |i: usize| u32::from_le_bytes(rest[4 * i..][..4].try_into().expect("four"));
-        let codes = [0.25_f32.to_bits(); 7];
-        let half = 0.5_f32.to_bits();
-        let row = [0.05_f32, 0.05, 0.1, 0.0].map(f32::to_bits);
-        let labels = [9, 11, 7, 2, half, 8, u32::MAX, half];
-        let expected = [&row[..], &[7, 3, 1], &codes, &labels].concat();
-        assert_eq!((0..rest.len() / 4).map(word).collect::<Vec<_>>(), expected);
+        let bits = f32::to_bits;
+        let row = [0.05, 0.05, 0.1, 0.0].map(bits);
+        let labels = [9, 11, 7, 2, bits(0.5), 8, u32::MAX, bits(0.5)];
+        let words = [&row[..], &[7, 3, 1], &codes.map(bits), &labels].concat();
+        let (counts, place) = ([1_u32, 1, 2, 2].map(u32::to_le_bytes), [4, 0, 0, 2, 0, 2]);
+        let words: Vec<u8> = words.into_iter().flat_map(u32::to_le_bytes).collect();
+        assert_eq!(bytes, [counts.as_flattened(), &place, &words].concat());
     }
 }

@@ -17,8 +17,7 @@ pub enum Precision {
     /// 32 bits.
     #[default]
     F32,
-    /// 16 bits, 8 of them of the fraction: half the memory, and twice the products a cycle where the processor has them.
-    /// Sums are f32.
+    /// 16 bits, 8 of them of the fraction: half the memory, and twice the products a cycle where the processor has them. Sums are f32.
     Bf16,
     /// 8 bits, with a scale for each channel: a quarter of the memory, and four times the products a cycle
     /// where the processor has them. Sums are exact. The model needs a calibration.

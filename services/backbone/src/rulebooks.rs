@@ -81,7 +81,7 @@ impl Rulebooks {
 }
 
 /// Most sites before the first layer and after each: a strided layer turns a site into at most so many as the windows
-/// that hold it, and no level has more than its grid.
+/// that hold it (one with `floor`), and no level has more than its grid.
 pub(crate) fn sites_max(network: &Network) -> Vec<usize> {
     let shapes = network.sparse_shapes();
     let cells = |shape: &[usize; 3]| shape.iter().product::<usize>();
@@ -89,7 +89,7 @@ pub(crate) fn sites_max(network: &Network) -> Vec<usize> {
     for (layer, shape) in network.sparse.iter().zip(&shapes[1..]) {
         let windows = |axis: usize| layer.kernel[axis].div_ceil(layer.stride[axis]);
         let before = most[most.len() - 1];
-        most.push(if layer.submanifold {
+        most.push(if layer.submanifold || layer.floor {
             before
         } else {
             cells(shape).min(before.saturating_mul((0..3).map(windows).product()))

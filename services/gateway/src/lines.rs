@@ -91,8 +91,7 @@ pub struct SuppressedLine<'a> {
 /// Latency of one stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct StageTimes {
-    /// From the moment its input was there (published by the stage before; for ingest: the scan was due) to the start of
-    /// computing, us.
+    /// From the moment its input was there (published by the stage before; for ingest: the scan was due) to the start of computing, us.
     pub queue_us: u64,
     /// From there to the publication of its result, us.
     pub run_us: u64,

@@ -31,8 +31,7 @@ pub(crate) struct Memory {
 }
 
 impl Memory {
-    /// For any frame of a checked manifest: a row for each cell of the map, every anchor a candidate until the best are
-    /// picked.
+    /// For any frame of a checked manifest: a row for each cell of the map, every anchor a candidate until the best are picked.
     pub(crate) fn new(manifest: &Manifest) -> Memory {
         let network = &manifest.network;
         let cells: usize = network.map_shape().iter().product();

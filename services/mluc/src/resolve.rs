@@ -133,8 +133,7 @@ fn merge(base: &mut Table, layer: Table, path: &str, tell: &mut dyn FnMut(String
     }
 }
 
-/// A configuration file, checked; without `[bench]`, and with paths that hold in any folder: relative ones are relative to the
-/// file.
+/// A configuration file, checked; without `[bench]`, and with paths that hold in any folder: relative ones are relative to the file.
 pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
     // First as settings, for an error that names line and key.
     document::read::<Settings>(path)?;

@@ -16,12 +16,10 @@ pub(crate) const KNOWN_MARGIN_M: f64 = 0.1;
 const KNOWN_POINTS_SHARE: f64 = 0.5;
 /// or when their bird's-eye IoU is above this.
 const KNOWN_IOU: f64 = 0.3;
-/// The paper's variant: rotated bird's-eye overlap above which the smaller box goes. The paper names neither measure nor
-/// threshold.
+/// The paper's variant: rotated bird's-eye overlap above which the smaller box goes. The paper names neither measure nor threshold.
 const PAPER_NMS_IOU: f64 = 0.01;
 
-/// Suppresses unknowns that overlap, as the variant has it; `points` are the points of each proposal by its range. `order`
-/// is a buffer.
+/// Suppresses unknowns that overlap, as the variant has it; `points` are the points of each proposal by its range. `order` is a buffer.
 pub(crate) fn merge(
     proposals: &mut [Proposal],
     points: &[u32],

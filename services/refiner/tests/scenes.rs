@@ -73,8 +73,7 @@ fn returns_from_within_a_van_are_not_taken_for_it() {
 }
 
 /// Field complaint: the merger deletes an unknown beside a known truck. Wherever the proposal lies around the obstacle,
-/// also half on the truck, the obstacle stays an object of its own, closer than any reach of a join, and no point of the
-/// truck is its.
+/// also half on the truck, the obstacle stays an object of its own, closer than any reach of a join, and no point of the truck is its.
 #[test]
 fn an_obstacle_close_to_a_truck_survives_whatever_the_proposal() {
     let truck = standing(15.0, 0.0, [8.0, 2.5, 3.2], 0.0);

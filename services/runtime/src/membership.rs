@@ -107,8 +107,7 @@ impl Membership {
         Err(RuntimeError::instance(self.instance.name(), cause))
     }
 
-    /// Takes a role that only one process may have (`pipeline`, `backbone`); released when the claim is dropped or the
-    /// process dies.
+    /// Takes a role that only one process may have (`pipeline`, `backbone`); released when the claim is dropped or the process dies.
     pub fn claim(&self, role: &str) -> Result<Claim> {
         let path = claim_path(&self.instance, role);
         let file = open_lock(&path).map_err(RuntimeError::io("opening", &path))?;
@@ -172,8 +171,7 @@ impl Drop for Membership {
     }
 }
 
-/// A role that this process has alone. Its file outlives a crash: it says which process had the role, and which frame it was
-/// working on.
+/// A role that this process has alone. Its file outlives a crash: it says which process had the role, and which frame it was working on.
 #[derive(Debug)]
 pub struct Claim {
     file: File,

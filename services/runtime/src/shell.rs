@@ -35,8 +35,7 @@ pub struct Shell {
     node: IpcNode,
     claim: Option<Claim>,
     membership: Membership,
-    /// Inputs opened from now on look up each payload in `/proc/self/maps` (about 0.1 ms a message) and fail when it is no
-    /// shared memory.
+    /// Inputs opened from now on look up each payload in `/proc/self/maps` (about 0.1 ms a message) and fail when it is no shared memory.
     pub verify_mapping: bool,
     /// Pages of shared memory are touched before the first frame does.
     pub prefaults: bool,

@@ -45,8 +45,7 @@ pub trait Algorithm {
     /// Element of what it gives.
     type Output: Payload;
 
-    /// Checks and computes a frame, and says in the header what was out of the ordinary. Gives the elements of the
-    /// result.
+    /// Checks and computes a frame, and says in the header what was out of the ordinary. Gives the elements of the result.
     fn run(
         &mut self,
         header: &mut FrameHeader,

@@ -225,8 +225,7 @@ fn beside(folder: &Path, name: &str) -> Option<PathBuf> {
     paths.find(|path| path.is_file())
 }
 
-/// KITTI raw's `timestamps.txt`: `2011-09-26 13:02:25.964389445`, a line a scan. A file that does not fit is logged and not
-/// used.
+/// KITTI raw's `timestamps.txt`: `2011-09-26 13:02:25.964389445`, a line a scan. A file that does not fit is logged and not used.
 fn stamps(folder: &Path, scans: usize) -> Option<Vec<u64>> {
     let path = beside(folder, "timestamps.txt")?;
     let text = fs::read_to_string(&path).ok()?;

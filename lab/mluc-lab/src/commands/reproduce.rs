@@ -41,8 +41,7 @@ pub(crate) struct ReproduceArguments {
     /// Folder of networks and evaluations [default: runs, with --quick runs/quick].
     #[arg(long, value_name = "DIR")]
     runs: Option<PathBuf>,
-    /// Recorded scans in KITTI's format on which the rows of sim-kitti are shown too, nothing being chosen on them. Can be
-    /// repeated.
+    /// Recorded scans in KITTI's format on which the rows of sim-kitti are shown too, nothing being chosen on them. Can be repeated.
     #[arg(long, value_name = "DIR")]
     real: Vec<PathBuf>,
     /// Tables on KITTI's object benchmark instead: needs --root.

@@ -17,7 +17,7 @@ pub(crate) struct Train {
     settings: TrainSettings,
     #[command(flatten)]
     threads: Threads,
-    /// Write the batches to standard output, for tools/train_on_gpu, and train nothing here.
+    /// Write the first weights to the run's folder and the batches to standard output, for tools/train_on_gpu, and train nothing here.
     #[arg(long)]
     stream: bool,
 }
@@ -70,6 +70,8 @@ pub(crate) fn run(arguments: Train) -> anyhow::Result<()> {
         ..arguments.settings
     };
     if arguments.stream {
+        let is_osis = settings.kind == NetworkKind::Osis;
+        anyhow::ensure!(!is_osis, "--stream: osis trains points, not a network");
         let note = |event: TrainEvent| match event {
             TrainEvent::Note(text) => print_err(text),
             TrainEvent::Progress(_) => (),

@@ -42,8 +42,7 @@ pub fn second(name: &str, classes: Vec<AnchorClass>) -> Manifest {
     manifest
 }
 
-/// Reads a checkpoint of SECOND, or what [`super::export()`] wrote; the latter brings its own manifest, and `second` does
-/// not count.
+/// Reads a checkpoint of SECOND, or what [`super::export()`] wrote; the latter brings its own manifest, and `second` does not count.
 pub fn import(bytes: &[u8], second: Manifest) -> anyhow::Result<Imported> {
     let checkpoint = checkpoint::read(bytes)?;
     let Some(json) = &checkpoint.manifest else {

@@ -172,8 +172,7 @@ impl Yard<'_, '_> {
         }
     }
 
-    /// Each vertex stands over the ground as high as over the plane z = 0: over that at the thing's origin, or over that below
-    /// the vertex.
+    /// Each vertex stands over the ground as high as over the plane z = 0: over that at the thing's origin, or over that below the vertex.
     fn show(&mut self, thing: Thing, mesh: &Mesh, at: [f32; 2], yaw: f32, follows_ground: bool) {
         let (ground, (sin, cos)) = (self.ground, yaw.sin_cos());
         let foot = ground.height(at[0], at[1]);

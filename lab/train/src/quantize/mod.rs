@@ -34,8 +34,7 @@ fn read_points(dataset: &Dataset, name: &str) -> Result<Vec<[f32; 4]>, TrainErro
     Ok(bytemuck::cast_slice(&points).to_vec())
 }
 
-/// Ranges from `frames` of a data set. `describe`: how they were picked, for the model's provenance. `step` is called
-/// after each.
+/// Ranges from `frames` of a data set. `describe`: how they were picked, for the model's provenance. `step` is called after each.
 pub fn calibrate(
     model: &Model,
     dataset: &Dataset,

@@ -50,8 +50,7 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
     {
         tracing::warn!("lock_memory: {why}; without it memory may be paged out");
     }
-    // This thread is one of the pool's: whoever enters a pool from outside waits for it to wake up, and makes it allocate
-    // now and then.
+    // This thread is one of the pool's: whoever enters a pool from outside waits for it to wake up, and makes it allocate now and then.
     rayon::ThreadPoolBuilder::new()
         .num_threads(own.threads)
         .use_current_thread()

@@ -131,8 +131,7 @@ impl StatusWriter {
         self.budgets.record(header);
     }
 
-    /// Judges, and publishes what changed or is due; gives it where state, reason or sight changed. `end`: why the
-    /// pipeline ends.
+    /// Judges, and publishes what changed or is due; gives it where state, reason or sight changed. `end`: why the pipeline ends.
     pub(super) fn tick(
         &mut self,
         run: &RunDescription,
