@@ -121,8 +121,9 @@ fn a_tensor_of_another_type_is_named() -> Fallible {
 #[test]
 fn every_field_out_of_bounds_is_named_and_nothing_panics() -> Fallible {
     let (mut manifest, weights) = fixture();
-    // Left out of a file where it is absent.
+    // Left out of a file where they are absent.
     manifest.network.halo_layers = Some(manifest.network.block1.len() + 1);
+    manifest.network.sparse[1].floor = true;
     let sound = serde_json::to_value(&manifest)?;
     // A field, what makes it wrong, and what the error names where it is not the field.
     let cases: Vec<(&str, Value, &str)> = serde_json::from_str(include_str!("out_of_bounds.json"))?;

@@ -39,7 +39,7 @@ mod run_folder;
 pub mod scan;
 mod settings;
 pub mod source;
-mod stream;
+pub mod stream;
 pub mod synthetic_unknown;
 pub mod targets;
 #[cfg(test)]
