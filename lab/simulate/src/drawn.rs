@@ -12,6 +12,9 @@ pub const HELD_OUT: [&str; 3] = ["helios-16p", "pandar40p", "ruby-plus"];
 /// Rays of a frame, at most: finer steps are coarsened to it.
 const RAYS_MAX: f32 = 230_000.0;
 
+/// Columns of a frame, at most.
+const COLUMNS_MAX: f32 = 4000.0;
+
 /// Elevations of a unit stray from its type's by about this, degrees.
 pub(crate) const JITTER_DEG: f32 = 0.12;
 
@@ -32,16 +35,18 @@ pub(crate) fn sensor(dice: &mut Dice) -> SensorProfile {
         profile.units = (0..count).map(|_| unit(dice)).collect();
     } else if dice.chance(0.08) {
         profile.field_deg = Some([dice.spread(60.0), dice.range(70.0, 270.0)]);
+        profile.azimuth_step_deg *= dice.range(0.4, 1.0);
     }
     let beams = profile.elevations_deg.len() * profile.units.len().max(1);
-    let step_min_deg = 360.0 * beams as f32 / RAYS_MAX;
+    let width_deg = profile.field_deg.map_or(360.0, |[_, width]| width);
+    let step_min_deg = width_deg * (beams as f32 / RAYS_MAX).max(1.0 / COLUMNS_MAX);
     profile.azimuth_step_deg = profile.azimuth_step_deg.max(step_min_deg);
     profile.height_m = Some(height_m(dice));
     profile
 }
 
 /// Some sensors move while they turn (low ones, of robots, slowly), unless they are to stay: where they see their own vehicle, which would move with them.
-/// Some report second returns.
+/// Some report second returns. Half of those that see a sector sweep lines that wave: slowly and a little, as a raster of mirrors does, or across each other.
 pub(crate) fn in_use(sensor: &mut Sensor, stays: bool, height_m: f32, dice: &mut Dice) {
     let fastest_mps = if height_m < ROBOT_M { 2.0 } else { 15.0 };
     let motion = Motion {
@@ -52,6 +57,16 @@ pub(crate) fn in_use(sensor: &mut Sensor, stays: bool, height_m: f32, dice: &mut
     let moves = dice.chance(0.4) && !stays;
     sensor.motion = moves.then_some(motion);
     sensor.second_returns = if dice.chance(0.15) { 0.5 } else { 0.0 };
+    if sensor.is_sector() && dice.chance(0.5) {
+        let is_rosette = dice.chance(0.5);
+        let [high_deg, often] = if is_rosette {
+            [12.0, 150.0]
+        } else {
+            [2.0, 6.0]
+        };
+        let height_rad = dice.range(0.2, high_deg).to_radians();
+        sensor.wave(height_rad, dice.range(0.5 * often, often), is_rosette);
+    }
 }
 
 /// How high it sits: on cars mostly, on small robots, on trucks.
@@ -68,7 +83,9 @@ fn product(dice: &mut Dice) -> SensorProfile {
     let [low, high] = [[0, 16], [17, 47], [48, 256]][dice.weighted(&[0.3, 0.3, 0.4])];
     let profiles = SensorProfile::names().filter(|name| !HELD_OUT.contains(name));
     let profiles = profiles.filter_map(|name| SensorProfile::load(name).ok());
-    let fits = |p: &SensorProfile| (low..=high).contains(&p.elevations_deg.len());
+    // Those that look up alone are mounted aslant, not as here.
+    let looks_down = |p: &SensorProfile| p.elevations_deg.iter().any(|e| *e < -4.0);
+    let fits = |p: &SensorProfile| (low..=high).contains(&p.elevations_deg.len()) && looks_down(p);
     let mut fitting: Vec<SensorProfile> = profiles.filter(fits).collect();
     fitting.swap_remove(dice.whole(0, fitting.len() - 1))
 }
@@ -142,7 +159,8 @@ mod tests {
         let held_out = HELD_OUT.map(|name| SensorProfile::load(name).expect(name).name);
         assert_eq!(count(&|p| held_out.contains(&p.name)), 0);
         for p in &drawn {
-            let rays = (beams(p) * p.units.len().max(1)) as f32 * 360.0 / p.azimuth_step_deg;
+            let width_deg = p.field_deg.map_or(360.0, |[_, width]| width);
+            let rays = (beams(p) * p.units.len().max(1)) as f32 * width_deg / p.azimuth_step_deg;
             assert!(rays < 1.01 * RAYS_MAX, "{p:?}");
             assert!(p.elevations_deg.is_sorted_by(|a, b| a >= b), "{p:?}");
         }

@@ -117,8 +117,8 @@ impl Ground {
             room.half_width_m
         } else if let Some([low, high]) = place.half_width_m() {
             dice.range(low, high)
-        } else if family == Family::SimKitti && dice.chance(0.6) {
-            // KITTI drove through many narrow residential streets.
+        } else if family != Family::SimUdi && dice.chance(0.6) {
+            // Many residential streets are narrow: KITTI drove through such.
             dice.range(2.8, 4.5)
         } else {
             dice.range(3.2, 7.5)

@@ -47,6 +47,8 @@ pub(crate) const METAL: Surface = solid(0.35);
 pub(crate) const INTERIOR: Surface = solid(0.12);
 /// Number plates, signs, reflective strips.
 pub(crate) const RETRO: Surface = solid(0.97);
+/// Foliage.
+pub(crate) const LEAVES: Surface = porous(0.35, 0.5);
 /// Faces and hands.
 pub(crate) const SKIN: Surface = solid(0.45);
 

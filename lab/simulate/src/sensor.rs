@@ -80,6 +80,7 @@ pub(crate) enum Stream {
     Intensity,
     Mixed,
     Second,
+    Wave,
 }
 
 /// How the sensor moves while it turns. Points are those of the moving sensor, as recorded scans have them before anybody corrects
@@ -116,6 +117,8 @@ struct Beam {
     /// When it fires between two columns, 0..1.
     phase: f32,
     bias_m: f32,
+    /// Where its wave begins, 0..1.
+    wave_phase: f32,
     /// Where it starts, m.
     origin: V3,
     /// Which way its unit is turned; none for one that stands straight.
@@ -172,6 +175,8 @@ pub(crate) struct Sensor {
     pub(crate) motion: Option<Motion>,
     /// How often a pulse that straddles a depth edge comes back from the farther surface too.
     pub(crate) second_returns: f32,
+    /// Lines that wave while they are swept: by how much, rad, and how often a turn.
+    wave: [f32; 2],
 }
 
 impl Sensor {
@@ -197,6 +202,7 @@ impl Sensor {
                 elevation_rad: elevation_deg.to_radians(),
                 phase: if rings { phase } else { 0.5 },
                 bias_m: noise.beam_bias_m * normal(draw(Stream::Bias, b)),
+                wave_phase: 0.0,
                 origin: up(origin_z_m),
                 turn: None,
             }
@@ -217,6 +223,7 @@ impl Sensor {
             base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, BEAMS)),
             motion: None,
             second_returns: 0.0,
+            wave: [0.0; 2],
         }
     }
 
@@ -246,6 +253,7 @@ impl Sensor {
                 elevation_rad: (profile.elevations_deg[b] + jitter_deg).to_radians(),
                 phase: 0.5 + offset_deg / profile.azimuth_step_deg,
                 bias_m: noise.beam_bias_m * normal(draw(Stream::Bias, id)),
+                wave_phase: 0.0,
                 origin: V3::from(unit.at_m),
                 turn: Turned::of(unit),
             }
@@ -277,6 +285,22 @@ impl Sensor {
             base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, usize::MAX)),
             motion: None,
             second_returns: 0.0,
+            wave: [0.0; 2],
+        }
+    }
+
+    /// Whether it sees less than the full circle.
+    pub(crate) fn is_sector(&self) -> bool {
+        self.column_count < self.columns
+    }
+
+    /// Lets the lines of a sector wave, together or each out of step with the others.
+    pub(crate) fn wave(&mut self, height_rad: f32, a_turn: f32, out_of_step: bool) {
+        self.wave = [height_rad, a_turn];
+        self.stray_rad += height_rad;
+        let draw = |b| unit(hash(&[self.key, Stream::Wave as u64, b]));
+        for (beam, b) in self.beams.iter_mut().zip(0..) {
+            beam.wave_phase = if out_of_step { draw(b) } else { 0.0 };
         }
     }
 
@@ -342,10 +366,12 @@ impl Sensor {
     pub(crate) fn ray_in_sensor(&self, shot: Shot) -> (V3, V3) {
         let beam = &self.beams[shot.0];
         let turn = ((self.first_column + shot.1) % self.columns) as f32 + beam.phase;
-        let azimuth = std::f32::consts::TAU * turn / self.columns as f32
+        let azimuth = TAU * turn / self.columns as f32
             + self.noise.azimuth_rad * normal(self.bits(Stream::Azimuth, shot));
         let (sin_a, cos_a) = azimuth.sin_cos();
-        let (sin_e, cos_e) = beam.elevation_rad.sin_cos();
+        let [height_rad, a_turn] = self.wave;
+        let done = TAU * (a_turn * turn / self.columns as f32 + beam.wave_phase);
+        let (sin_e, cos_e) = (beam.elevation_rad + height_rad * done.sin()).sin_cos();
         let direction = v(cos_e * cos_a, cos_e * sin_a, sin_e);
         let turned = beam.turn.map_or(direction, |Turned { axes, .. }| {
             axes[0] * direction.x + axes[1] * direction.y + axes[2] * direction.z
@@ -415,6 +441,32 @@ mod tests {
         assert!(drop(20.0, 0.4, 1.0) < 0.05);
         assert!(drop(80.0, 0.1, 1.0) > 0.95);
         assert!(drop(20.0, 0.4, 0.01) > 10.0 * drop(20.0, 0.4, 1.0));
+    }
+
+    #[test]
+    fn lines_of_a_sector_wave_together_or_each_by_itself() {
+        let profile = SensorProfile {
+            field_deg: Some([0.0, 120.0]),
+            ..SensorProfile::load("vlp-16").expect("a product")
+        };
+        let strays = |out_of_step, beam| {
+            let mut sensor = Sensor::of(&profile, 0.0, 3, true);
+            assert!(sensor.is_sector());
+            sensor.wave(0.05, 30.0, out_of_step);
+            let rays = (0..sensor.column_count).map(|column| sensor.ray((beam, column)).1);
+            let strays = rays.map(|ray| ray.z.asin() - sensor.elevation_rad(beam));
+            strays.collect::<Vec<f32>>()
+        };
+        let [first, second, alone] = [(false, 0), (false, 9), (true, 9)].map(|(o, b)| strays(o, b));
+        let most = first
+            .iter()
+            .fold(0.0, |most: f32, stray| most.max(stray.abs()));
+        assert!((0.049..0.0501).contains(&most), "{most}");
+        let apart = |other: &[f32]| {
+            let apart = first.iter().zip(other).map(|(a, b)| (a - b).abs());
+            apart.fold(0.0, f32::max)
+        };
+        assert!(apart(&second) < 0.01 && apart(&alone) > 0.02);
     }
 
     #[test]

@@ -67,7 +67,12 @@ fn piece(yard: &mut Yard, side: f32, along: f32, length: f32, setback: f32, dice
         4 => (Thing::Bush, thicket),
         _ => return back_house(yard, side, along, dice),
     };
-    let mesh = built(|mesh, dice| build(mesh, length, dice), dice);
+    let mut mesh = built(|mesh, dice| build(mesh, length, dice), dice);
+    if yard.layout.stream.family == Family::SimAny && choice > 2 {
+        // What grows is taller than a garden's.
+        let taller = dice.range(0.8, 2.5);
+        mesh.map(|p| v(p.x, p.y, p.z * taller));
+    }
     yard.put(thing, &mesh, along, line, half_turn(side < 0.0));
     for _ in 0..dice.whole(0, 4) {
         // What grows behind it.

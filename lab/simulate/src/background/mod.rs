@@ -50,6 +50,8 @@ pub(crate) enum Thing {
     Grass,
     Rock,
     Log,
+    /// Of `street.toml`.
+    Street,
 }
 
 impl Thing {

@@ -3,6 +3,7 @@
 use super::super::Class;
 use super::super::layout::{Placed, half_turn};
 use super::super::mesh::{METAL, Mesh, porous, solid, up, v};
+use super::super::objects::street;
 use super::super::random::Dice;
 use super::furniture::bicycles;
 use super::{Thing, Yard, built};
@@ -30,6 +31,20 @@ pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
         yard.put(Thing::Bicycles, &mesh, along, across, yaw);
     }
     posts_near_people(yard, dice);
+    let busy = dice.range(0.2, 1.8);
+    for kind in street() {
+        for _ in 0..dice.events(busy * kind.per_100_m * yard.hundreds()) {
+            let mesh = kind.built(dice);
+            let along = yard.somewhere(dice);
+            // Half of it stands close to what bounds the street.
+            let across = match dice.chance(0.5) {
+                true => dice.sign() * (yard.ground.edge_m + dice.range(-0.6, 0.1)),
+                false => yard.beside(0.6, 5.0, dice),
+            };
+            let yaw = FRAC_PI_2 * dice.whole(0, 3) as f32 + dice.normal(0.0, 0.2);
+            yard.put(Thing::Street, &mesh, along, across, yaw);
+        }
+    }
 }
 
 /// Pieces of 6 m that follow the ground: a guard rail, a plain wall or a fence.

@@ -1,11 +1,9 @@
 //! Trees, bushes and rows of bushes: rough shells that let part of the rays through.
 
-use super::super::mesh::{Mesh, Surface, V3, porous, solid, up, v};
+use super::super::mesh::{LEAVES, Mesh, Surface, V3, solid, up, v};
 use super::super::random::Dice;
-use super::{Place, Thing, Yard, built};
+use super::{Family, Place, Thing, Yard, built};
 
-/// Foliage.
-pub(super) const LEAVES: Surface = porous(0.35, 0.5);
 const BARK: Surface = solid(0.25);
 
 /// Bushes 6, rows of bushes 1 and trees 4 per 100 m, times a factor for the place (4.5 in gardens). A few large trees far behind close the view.
@@ -17,6 +15,8 @@ pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
         Place::Plaza => 1.4,
         Place::CarPark | Place::Depot | Place::Hall | Place::Path => 1.0,
     };
+    let is_any = yard.layout.stream.family == Family::SimAny;
+    let factor = factor * if is_any { dice.range(0.6, 3.5) } else { 1.0 };
     for _ in 0..dice.events(6.0 * factor * yard.hundreds()) {
         let mesh = built(bush, dice);
         let (along, across) = (yard.somewhere(dice), yard.behind(12.0, dice));
@@ -42,7 +42,9 @@ pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
 /// A trunk that takes ground, and a crown that may hang over things.
 pub(super) fn tree(yard: &mut Yard, along: f32, across: f32, scale: f32, dice: &mut Dice) {
     let radius = dice.range(0.1, 0.26) * scale;
-    let clear = dice.range(1.7, 3.2) * scale.max(0.9);
+    let is_any = yard.layout.stream.family == Family::SimAny;
+    let [low, high] = if is_any { [0.8, 4.5] } else { [1.7, 3.2] };
+    let clear = dice.range(low, high) * scale.max(0.9);
     let lean = v(dice.spread(0.15), dice.spread(0.15), 0.0);
     let mut trunk = Mesh::default();
     let ends = [up(-0.3), lean + up(clear + 0.8)];

@@ -47,11 +47,14 @@ const SUV: Style = ([0.23, 0.10, -0.40, -0.475], [0.5, 0.6, 0.61, 0.58], 0.85);
 const MINI: Style = ([0.30, 0.13, -0.38, -0.47], [0.44, 0.58, 0.58, 0.55], 0.80);
 const COUPE: Style = ([0.17, 0.0, -0.18, -0.40], [0.46, 0.62, 0.65, 0.68], 0.80);
 const PICKUP: Style = ([0.22, 0.10, -0.06, -0.10], [0.52, 0.6, 0.6, 0.6], 0.80);
+/// A high car whose tail stands upright.
+const UPRIGHT: Style = ([0.29, 0.14, -0.465, -0.49], [0.47, 0.59, 0.6, 0.56], 0.87);
 const MINIBUS: Style = ([0.38, 0.26, -0.47, -0.495], [0.36, 0.5, 0.52, 0.5], 0.88);
 
 /// A passenger car with KITTI's or UDI's sizes.
 pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
-    // (weight, style, change of length, of height): the changes cancel in the mean.
+    // (weight, style, change of length, of height): the changes cancel in the mean of the first seven.
+    let upright = if family == Family::SimAny { 0.1 } else { 0.0 };
     let styles = [
         (0.26, SEDAN, 0.35, -0.05),
         (0.26, HATCH, -0.12, -0.03),
@@ -60,6 +63,7 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
         (0.15, MINI, -0.65, 0.0),
         (0.04, COUPE, 0.0, -0.16),
         (0.02, PICKUP, 0.6, 0.2),
+        (upright, UPRIGHT, 0.0, 0.2),
     ];
     let (_, style, longer, higher) = styles[dice.weighted(&styles.map(|s| s.0))];
     let base = match family {

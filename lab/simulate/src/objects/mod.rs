@@ -14,7 +14,7 @@ mod unseen;
 mod vehicle;
 
 pub(crate) use cyclist::bicycle;
-pub(crate) use unseen::Habit;
+pub(crate) use unseen::{Habit, street};
 
 use super::mesh::{Mesh, Surface, V3, v};
 use super::random::Dice;
@@ -119,7 +119,7 @@ fn exact(class: Class, dice: &mut Dice, family: Family) -> Model {
         Class::Car => car::car(family, dice),
         Class::Van => car::van(dice),
         Class::Truck => truck::truck(dice),
-        Class::Pedestrian => pedestrian::pedestrian(dice),
+        Class::Pedestrian => pedestrian::pedestrian(family, dice),
         Class::Cyclist => cyclist::cyclist(dice),
         Class::GolfCart => golf_cart::golf_cart(dice),
         Class::Forklift => forklift::forklift(dice),

@@ -1,12 +1,14 @@
-//! Pedestrians: walking or standing, sometimes with a bag, an umbrella or a stroller.
+//! Pedestrians: walking or standing, sometimes bent, with a bag, an umbrella or a stroller.
 
+use super::super::Family;
 use super::super::mesh::{METAL, Mesh, RUBBER, SKIN, Surface, circle, solid, v};
 use super::super::random::Dice;
 use super::Model;
 
 /// A person of 1.76 m on average, in any phase of the step.
-pub(super) fn pedestrian(dice: &mut Dice) -> Model {
-    let is_child = dice.chance(0.06);
+pub(super) fn pedestrian(family: Family, dice: &mut Dice) -> Model {
+    let is_any = family == Family::SimAny;
+    let is_child = dice.chance(if is_any { 0.12 } else { 0.06 });
     let height = if is_child {
         dice.range(1.15, 1.45)
     } else {
@@ -20,7 +22,7 @@ pub(super) fn pedestrian(dice: &mut Dice) -> Model {
     let swing = stride * phase;
     let coat = solid(dice.range(0.08, 0.7));
     let trousers = solid(dice.range(0.08, 0.4));
-    let girth = dice.range(0.9, 1.2);
+    let girth = dice.range(0.9, if is_any { 1.4 } else { 1.2 });
     let mut mesh = Mesh::default();
     legs(&mut mesh, swing, dice.range(0.07, 0.13), trousers);
     let lean = 0.06 * stride + dice.range(-0.01, 0.04);
@@ -35,6 +37,9 @@ pub(super) fn pedestrian(dice: &mut Dice) -> Model {
     if dice.chance(0.22) {
         // Bag in the hand.
         mesh.block(v(-swing * 0.5, 0.34, 0.5), v(0.3, 0.12, 0.32), trousers);
+    }
+    if is_any {
+        carriage(&mut mesh, swing, trousers, dice);
     }
     mesh.map(|p| p * s);
     rare_things(&mut mesh, s, dice);
@@ -83,6 +88,29 @@ fn arms(mesh: &mut Mesh, swing: f32, lean: f32, girth: f32, coat: Surface, dice:
         mesh.tube([shoulder, elbow], [0.062, 0.05], 5, coat);
         mesh.tube([elbow, hand], [0.048, 0.035], 5, coat);
         mesh.block(hand + v(0.02, 0.0, -0.04), v(0.07, 0.05, 0.14), SKIN);
+    }
+}
+
+/// Skirts and long coats 20 %, a suitcase 5 %; one of eight bends from the hip.
+fn carriage(mesh: &mut Mesh, swing: f32, cloth: Surface, dice: &mut Dice) {
+    if dice.chance(0.2) {
+        let (hem, half) = (dice.range(0.15, 0.6), dice.range(0.16, 0.26));
+        let low = [hem, 0.0, half + 0.4 * swing.abs(), half];
+        mesh.stack([low, [1.0, 0.0, 0.13, 0.17]], cloth);
+    }
+    if dice.chance(0.05) {
+        let case = dice.size([0.2, 0.35], [0.35, 0.5], [0.5, 0.75]);
+        mesh.block(v(-0.55, 0.25, case.z / 2.0 + 0.05), case, cloth);
+        mesh.strut(v(-0.5, 0.25, case.z), v(-0.15, 0.3, 0.85), 0.015, METAL);
+    }
+    if dice.chance(0.125) {
+        let bend = dice.range(0.2, 1.3);
+        mesh.map(|p| {
+            let above = (p.z - 0.9).max(0.0);
+            let (sin, cos) = (bend * (above / 0.3).min(1.0)).sin_cos();
+            let z = p.z - above + above * cos - p.x * sin;
+            v(p.x * cos + above * sin, p.y, z)
+        });
     }
 }
 

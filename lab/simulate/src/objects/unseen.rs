@@ -1,6 +1,8 @@
-//! Objects of the unseen classes, assembled from the parts of `unseen.toml`, which says what its columns mean.
+//! Things assembled from the parts of a table: objects of the unseen classes (`unseen.toml`, which says what the columns mean) and street furniture (`street.toml`).
 
-use super::super::mesh::{GLASS, INTERIOR, METAL, Mesh, RETRO, Surface, V3, porous, solid, v};
+use super::super::mesh::{
+    GLASS, INTERIOR, LEAVES, METAL, Mesh, RETRO, Surface, V3, porous, solid, v,
+};
 use super::super::random::Dice;
 use super::super::{Split, Unseen};
 use super::vehicle::{axle, occupant, paint};
@@ -16,10 +18,15 @@ struct Table {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Row {
+pub(crate) struct Row {
     name: String,
+    #[serde(default)]
     split: String,
+    #[serde(default)]
     habit: Habit,
+    /// Street furniture: how many stand along 100 m.
+    #[serde(default)]
+    pub(crate) per_100_m: f32,
     size_m: [[f32; 2]; 3],
     #[serde(default)]
     scatter_m: f32,
@@ -29,11 +36,12 @@ struct Row {
 }
 
 /// Where an object is, and whether it moves.
-#[derive(Clone, Copy, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Default, PartialEq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Habit {
     Road,
     Pavement,
+    #[default]
     Still,
 }
 
@@ -60,6 +68,7 @@ enum Cover {
     Glass,
     Mesh,
     Retro,
+    Leaves,
 }
 
 /// Shape, place, size, surface, form, odds.
@@ -77,9 +86,17 @@ fn one() -> f32 {
     1.0
 }
 
-static TABLE: LazyLock<Table> = LazyLock::new(|| {
-    toml::from_str(include_str!("../../unseen.toml")).expect("the table, which a test reads")
-});
+static TABLE: LazyLock<Table> = LazyLock::new(|| read(include_str!("../../unseen.toml")));
+static STREET: LazyLock<Table> = LazyLock::new(|| read(include_str!("../../street.toml")));
+
+fn read(text: &str) -> Table {
+    toml::from_str(text).expect("a table that a test reads")
+}
+
+/// Kinds of street furniture that `sim-any` has besides.
+pub(crate) fn street() -> &'static [Row] {
+    &STREET.class
+}
 
 impl Unseen {
     /// The classes that a split shows: other ones in validation and test, none in training.
@@ -106,23 +123,27 @@ impl Unseen {
     }
 }
 
-/// Builds one; the drawn size is that of the parts that are always there.
+/// Builds an object of the class.
 pub(super) fn unseen(class: Unseen, dice: &mut Dice) -> Model {
-    let row = class.row();
-    let (colour, lot) = (paint(dice), dice.unit());
-    let mut mesh = Mesh::default();
-    row.add(&mut mesh, colour, |odds| odds >= 1.0, dice);
-    let (low, high) = mesh.bounds();
-    row.add(&mut mesh, colour, |odds| lot < odds && odds < 1.0, dice);
-    let [x, y, z] = row.size_m;
-    let scale = dice.size(x, y, z) / (high - low);
-    mesh.map(|p| p * scale);
-    mesh.roughen(0.006, dice);
-    mesh.put_down();
-    Model::new(mesh)
+    Model::new(class.row().built(dice))
 }
 
 impl Row {
+    /// Builds one; the drawn size is that of the parts that are always there.
+    pub(crate) fn built(&self, dice: &mut Dice) -> Mesh {
+        let (colour, lot) = (paint(dice), dice.unit());
+        let mut mesh = Mesh::default();
+        self.add(&mut mesh, colour, |odds| odds >= 1.0, dice);
+        let (low, high) = mesh.bounds();
+        self.add(&mut mesh, colour, |odds| lot < odds && odds < 1.0, dice);
+        let [x, y, z] = self.size_m;
+        let scale = dice.size(x, y, z) / (high - low);
+        mesh.map(|p| p * scale);
+        mesh.roughen(0.006, dice);
+        mesh.put_down();
+        mesh
+    }
+
     fn add(
         &self,
         mesh: &mut Mesh,
@@ -158,6 +179,7 @@ impl Part {
             Cover::Glass => GLASS,
             Cover::Mesh => porous(0.35, 0.6),
             Cover::Retro => RETRO,
+            Cover::Leaves => LEAVES,
         };
         let sides = if form < 0.04 { 4 } else { 8 };
         match shape {
