@@ -1,5 +1,4 @@
-//! Files that a user names: scans, captures, recordings, models, checkpoints, sensors, labels, objects; and what a page asks for.
-//! The first byte chooses.
+//! Files that a user names: scans, captures, recordings, models, checkpoints, sensors, labels, objects; and what a page asks for. The first byte chooses.
 #![no_main]
 
 use mluc_dataset::{read_calibration, read_labels};

@@ -27,8 +27,7 @@ pub struct CameraBox {
 impl CameraBox {
     /// The box in the camera's place but with the sensor's axes: x forward, y left, z up.
     ///
-    /// Two boxes overlap there exactly as they do in the camera frame, so labels and detections can be compared
-    /// without a calibration.
+    /// Two boxes overlap there exactly as they do in the camera frame, so labels and detections can be compared without a calibration.
     pub fn upright(&self) -> Box3 {
         let [x, y, z] = self.location_m;
         let [h, w, l] = self.size_hwl_m;
@@ -110,8 +109,7 @@ impl Calibration {
         }
     }
 
-    /// KITTI's matrices with their names, row by row: the left colour camera's projection, px; the rectifying rotation;
-    /// camera 0 from sensor, m.
+    /// KITTI's matrices with their names, row by row: the left colour camera's projection, px; the rectifying rotation; camera 0 from sensor, m.
     pub fn matrices(&self) -> [(&'static str, &[f64]); 3] {
         [
             ("P2", self.p2.as_flattened()),
@@ -130,8 +128,7 @@ impl Calibration {
         self.rect_from_sensor.apply(point_in_sensor_m)
     }
 
-    /// A label's box in the sensor frame. The box stays upright: the small tilt between the frames moves its centre
-    /// and leaves its axes.
+    /// A label's box in the sensor frame. The box stays upright: the small tilt between the frames moves its centre and leaves its axes.
     pub fn box_in_sensor_from_label(&self, label: &CameraBox) -> Box3 {
         let [h, w, l] = label.size_hwl_m;
         let [x, y, z_bottom] = self.sensor_from_rect.apply(label.location_m);

@@ -1,10 +1,8 @@
-//! The one quantile, and the one bootstrap: what a draw takes of `count` things (Efron 1979; in blocks, Künsch 1989), and how far
-//! values lie apart.
+//! The one quantile, and the one bootstrap: what a draw takes of `count` things (Efron 1979; in blocks, Künsch 1989), and how far values lie apart.
 
 use crate::Random;
 
-/// The smallest value that at least a share `q` of all values does not exceed (nearest rank). `ascending` is sorted; `None` when it
-/// is empty.
+/// The smallest value that at least a share `q` of all values does not exceed (nearest rank). `ascending` is sorted; `None` when it is empty.
 pub fn quantile(ascending: &[f64], q: f64) -> Option<f64> {
     // The small number absorbs rounding: 0.9 of 10 values is rank 9, not 10.
     let rank = (q * ascending.len() as f64 - 1e-9).ceil().max(1.0) as usize;

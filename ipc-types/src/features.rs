@@ -1,9 +1,8 @@
 //! Feature rows of the bird's-eye map: for each computed cell its index and its channels.
 //!
-//! A features message is a slice of 64-byte blocks: first the cell indices (u32, sixteen a block, the last block padded
-//! with [`u32::MAX`]), then the rows (channels / 16 blocks each). A cell that is absent equals the model's response to
-//! an empty scene, which holds no candidate (`empty_objectness_max` of the manifest). Of a model whose boxes are measured from the ground
-//! the message ends with the ground: z at the nodes of its grid (f32, m, sixteen a block).
+//! A features message is a slice of 64-byte blocks: first the cell indices (u32, sixteen a block, the last block padded with [`u32::MAX`]), then the rows
+//! (channels / 16 blocks each). A cell that is absent equals the model's response to an empty scene, which holds no candidate (`empty_objectness_max` of the
+//! manifest). Of a model whose boxes are measured from the ground the message ends with the ground: z at the nodes of its grid (f32, m, sixteen a block).
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]

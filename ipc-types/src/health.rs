@@ -42,8 +42,7 @@ impl HealthState {
     }
 }
 
-/// Unknown objects that a refiner published or suppressed, since its process began. Other stages have zeros, and so has
-/// a refiner that does not count.
+/// Unknown objects that a refiner published or suppressed, since its process began. Other stages have zeros, and so has a refiner that does not count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]
 #[cfg_attr(feature = "iceoryx2", type_name("mluc.CandidateCounts"))]

@@ -1,8 +1,7 @@
 //! The contract: all that crosses the border between two processes, and nothing else.
 //!
-//! Every message is a slice of fixed-layout elements with one [`FrameHeader`]. Lengths in m, angles in rad, times in ns.
-//! A consumer trusts nothing that it reads from shared memory: the `checked` functions turn a wrong version, length,
-//! index or enum value into a [`ContractError`], never a panic.
+//! Every message is a slice of fixed-layout elements with one [`FrameHeader`]. Lengths in m, angles in rad, times in ns. A consumer trusts nothing that it
+//! reads from shared memory: the `checked` functions turn a wrong version, length, index or enum value into a [`ContractError`], never a panic.
 
 mod detection;
 mod error;

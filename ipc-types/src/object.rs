@@ -96,8 +96,7 @@ pub struct Object {
     pub eds: f32,
     /// EDS / ((C-1) T^2).
     pub eds_normalised: f32,
-    /// Of its detection: probability of being none of the known, 0 to 1; [`crate::NO_PROBABILITY`] (-1) where the model
-    /// does not tell it.
+    /// Of its detection: probability of being none of the known, 0 to 1; [`crate::NO_PROBABILITY`] (-1) where the model does not tell it.
     pub unknown_probability: f32,
     /// [`GateKind`] of its detection.
     pub gate: u32,

@@ -11,10 +11,9 @@ use crate::{
 
 /// The one message of the topic `run`: what a stage or a consumer must know besides the frames.
 ///
-/// Its one writer is the supervisor; where stages run without a supervisor, ingest. The topic keeps the message for
-/// late readers (history 1). A new description begins a new run: its `run_id` differs, its sequences begin at 0, and
-/// messages of the run before must not be used any more. With the same `run_id` it has other thresholds, or another model with the
-/// same classes. `mluc_runtime::Shell` follows the topic for its process.
+/// Its one writer is the supervisor; where stages run without a supervisor, ingest. The topic keeps the message for late readers (history 1). A new description
+/// begins a new run: its `run_id` differs, its sequences begin at 0, and messages of the run before must not be used any more. With the same `run_id` it has
+/// other thresholds, or another model with the same classes. `mluc_runtime::Shell` follows the topic for its process.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]
 #[cfg_attr(feature = "iceoryx2", type_name("mluc.RunDescription"))]

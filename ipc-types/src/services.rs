@@ -90,8 +90,7 @@ impl Topic {
         element_bytes: size_of::<crate::Health>(),
         ..Topic::OBJECTS
     };
-    /// What holds for all frames of a run ([`crate::RunDescription`]): supervisor to everybody. Latched: history 1, and
-    /// the writer hands it to late readers.
+    /// What holds for all frames of a run ([`crate::RunDescription`]): supervisor to everybody. Latched: history 1, and the writer hands it to late readers.
     pub const RUN: Topic = Topic {
         name: "run",
         elements_max: 1,

@@ -80,8 +80,7 @@ struct Job<'a, I: Element> {
 }
 
 impl<I: Element> Job<'_, I> {
-    /// Halves the rows, at a multiple of [`BLOCK`], down to one block each. `output` begins at row `first`; the rows
-    /// that `output_rows` names ascend.
+    /// Halves the rows, at a multiple of [`BLOCK`], down to one block each. `output` begins at row `first`; the rows that `output_rows` names ascend.
     fn range<O: Element>(
         &self,
         rows: Range<usize>,

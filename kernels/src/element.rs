@@ -8,8 +8,7 @@ use crate::simd::Operand;
 #[repr(transparent)]
 pub struct Bf16(pub u16);
 
-/// A value of a row: [`f32`], [`Bf16`], or [`u8`], which counts units that whoever reads it knows, or [`i16`], which
-/// holds the same counts.
+/// A value of a row: [`f32`], [`Bf16`], or [`u8`], which counts units that whoever reads it knows, or [`i16`], which holds the same counts.
 pub trait Element: Copy + Default + Send + Sync + Operand {
     /// From a sum in f32.
     fn from_f32(value: f32) -> Self;

@@ -1,10 +1,9 @@
 //! Convolution on plain slices: forward (drives the vehicle) and gradients (train).
 //!
-//! One idea carries every layer of the network: **a map is a list of rows** (one row a cell or a voxel, channels
-//! contiguous), and a convolution is a [`Gather`]: for each output row and each tap of the kernel, which input row is
-//! read. Dense 3x3, strided, sparse 3-D, 1x1 and transposed 2x2 convolutions differ in their gather alone.
-//! A batch is more rows. A cell that is not computed is a row that is not listed. One shape has a way of its own: a 3x3
-//! layer of stride 1 in f32 or i16 takes less than half of the products tile by tile ([`convolve_winograd`]).
+//! One idea carries every layer of the network: **a map is a list of rows** (one row a cell or a voxel, channels contiguous), and a convolution is a
+//! [`Gather`]: for each output row and each tap of the kernel, which input row is read. Dense 3x3, strided, sparse 3-D, 1x1 and transposed 2x2 convolutions
+//! differ in their gather alone. A batch is more rows. A cell that is not computed is a row that is not listed. One shape has a way of its own: a 3x3 layer of
+//! stride 1 in f32 or i16 takes less than half of the products tile by tile ([`convolve_winograd`]).
 
 mod convolve;
 mod element;

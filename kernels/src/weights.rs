@@ -37,10 +37,9 @@ pub(crate) fn panels(cout: usize) -> impl Iterator<Item = Panel> {
     })
 }
 
-/// Weights of one convolution on rows of `I`, packed: panels of up to 64 output channels, each `[tap][row][width]`,
-/// 64-byte aligned, channels padded to a multiple of 16 with zeros. A row holds an input channel in f32, two in bf16, or
-/// for rows of u8 four in i8 (of i16: two), of which each output channel has a scale of its own: its largest weight is
-/// 127 of it.
+/// Weights of one convolution on rows of `I`, packed: panels of up to 64 output channels, each `[tap][row][width]`, 64-byte aligned, channels padded to a
+/// multiple of 16 with zeros. A row holds an input channel in f32, two in bf16, or for rows of u8 four in i8 (of i16: two), of which each output channel has a
+/// scale of its own: its largest weight is 127 of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weights<I: Element = f32> {
     /// Taps of the kernel; equal to those of the gather.
@@ -58,8 +57,7 @@ impl<I: Element> Weights<I> {
     /// counts of the output's (f32 output: into values).
     ///
     /// # Panics
-    /// When `plain` has another length, or sums of u8 could exceed an i32: more than 66,311 inputs of a value (a broken
-    /// invariant, not data).
+    /// When `plain` has another length, or sums of u8 could exceed an i32: more than 66,311 inputs of a value (a broken invariant, not data).
     pub fn pack(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Weights<I> {
         check(plain, [taps, cin, cout]);
         let weight = |[tap, i, o]: [usize; 3]| plain[(tap * cin + i) * cout + o];

@@ -1,5 +1,4 @@
-//! Convolution and its gradients against the plain version, in every precision and on every set of registers of this
-//! machine.
+//! Convolution and its gradients against the plain version, in every precision and on every set of registers of this machine.
 
 mod common;
 

@@ -1,5 +1,4 @@
-//! Tiles of 2x2 outputs give what the direct convolution gives, of counts exactly, of f32 up to rounding, with the
-//! registers of every level.
+//! Tiles of 2x2 outputs give what the direct convolution gives, of counts exactly, of f32 up to rounding, with the registers of every level.
 
 mod common;
 

@@ -19,10 +19,9 @@ pub const CLUSTER_SCORER_VALUES: usize = {
     (a + 1) * b + (b + 1) * c + (c + 1) * d
 };
 
-/// How the names of the ranges of layers begin: what int8 needs to know of a model, how large the values between its layers
-/// get. Optional, all or none: `calibration.LAYER` for the output of each sparse layer and of each layer of both blocks, one
-/// value a channel. A byte of 255 stands for that value and 0 for 0 (all of these outputs have passed a ReLU); larger values
-/// are cut. `mluc-lab quantize` writes them.
+/// How the names of the ranges of layers begin: what int8 needs to know of a model, how large the values between its layers get. Optional, all or none:
+/// `calibration.LAYER` for the output of each sparse layer and of each layer of both blocks, one value a channel. A byte of 255 stands for that value and 0 for
+/// 0 (all of these outputs have passed a ReLU); larger values are cut. `mluc-lab quantize` writes them.
 const CALIBRATION: &str = "calibration.";
 
 /// Name of the tensor of a layer's range.
@@ -117,9 +116,8 @@ impl WeightSet {
         }
     }
 
-    /// Refuses a set with a tensor missing, extra, of another shape, or with a value that is no number (a variance:
-    /// or below 0), and a calibration that is not whole. [`CLUSTER_SCORER`] may be there or not; tensors of [`BASELINE`] are kept as
-    /// they are if they are numbers.
+    /// Refuses a set with a tensor missing, extra, of another shape, or with a value that is no number (a variance: or below 0), and a calibration that is not
+    /// whole. [`CLUSTER_SCORER`] may be there or not; tensors of [`BASELINE`] are kept as they are if they are numbers.
     pub fn check(&self, network: &Network) -> Result<()> {
         let mut expected: BTreeMap<_, _> = expected_tensors(network).into_iter().collect();
         if self.find(CLUSTER_SCORER).is_some() {

@@ -1,5 +1,4 @@
-//! Bounds of every field of a manifest: a file from anywhere must not make a stage allocate without limit, index out of
-//! range or compute nonsense.
+//! Bounds of every field of a manifest: a file from anywhere must not make a stage allocate without limit, index out of range or compute nonsense.
 
 use std::fmt::Display;
 

@@ -1,5 +1,4 @@
-//! What the tests of whole pipelines share: a model without training, synthetic scans, running the program `mluc`,
-//! answers from outside.
+//! What the tests of whole pipelines share: a model without training, synthetic scans, running the program `mluc`, answers from outside.
 
 // A comment says what a name does not.
 #![allow(missing_docs)]

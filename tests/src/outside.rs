@@ -12,8 +12,7 @@ use crate::inputs::root;
 
 /// Says in one line that a check did not run. `.ci/run` counts these lines.
 pub fn skip(what: &str, why: &str) {
-    // Cargo captures what the print macros write, not what is written to the stream itself. One call, so that no other
-    // test's line comes between.
+    // Cargo captures what the print macros write, not what is written to the stream itself. One call, so that no other test's line comes between.
     let _ = stderr().write_all(format!("skipped: {what}: {why}\n").as_bytes());
 }
 

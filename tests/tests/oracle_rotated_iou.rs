@@ -1,9 +1,8 @@
 //! Rotated IoU against a polygon library's answers in f64.
 //!
-//! Polygon libraries can stumble over edges that only touch: the library's answer to one such pair is that it overlaps
-//! fully. So an answer is first held against a separating axis, which is a proof: where the footprints lie on two
-//! sides of a line, an overlap above the tolerance is impossible, and 0 is asked for instead. Such answers are counted
-//! and printed, and may be no more than one in a hundred.
+//! Polygon libraries can stumble over edges that only touch: the library's answer to one such pair is that it overlaps fully. So an answer is first held
+//! against a separating axis, which is a proof: where the footprints lie on two sides of a line, an overlap above the tolerance is impossible, and 0 is asked
+//! for instead. Such answers are counted and printed, and may be no more than one in a hundred.
 
 use std::f64::consts::FRAC_PI_2;
 

@@ -144,8 +144,7 @@ mod tests {
         assert_eq!(least, [10, 50, 500]);
     }
 
-    /// Values that drift like a machine whose other load comes and goes: the interval of single draws would be a third
-    /// of what the runs really scatter.
+    /// Values that drift like a machine whose other load comes and goes: the interval of single draws would be a third of what the runs really scatter.
     #[test]
     fn the_interval_of_dependent_values_covers_their_scatter() {
         let mut random = Random::from_state(7);

@@ -74,9 +74,8 @@ struct Figure {
     rounds: [Vec<Vec<f64>>; 2],
 }
 
-/// Judges B against A by their measured frames, each in the order of rounds and sequences. `others`: share of all cores that other
-/// processes took during the runs; where a report holds fewer than four starts, the scatter between two starts of the same program
-/// follows from it.
+/// Judges B against A by their measured frames, each in the order of rounds and sequences. `others`: share of all cores that other processes took during the
+/// runs; where a report holds fewer than four starts, the scatter between two starts of the same program follows from it.
 pub(crate) fn compare(runs: [&[FrameRecord]; 2], others: f64) -> Result<Comparison> {
     let runs = runs.map(measured);
     let frames = runs.each_ref().map(Vec::len);

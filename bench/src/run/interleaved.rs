@@ -1,6 +1,5 @@
-//! Two builds or two refiners on the same frames, interleaved: A, B, B, A, each time from a fresh start, so that a machine that
-//! slowly changes treats both alike. Each start is measured by a `mluc bench` of its own, because one program cannot observe two
-//! wire versions; the rounds of a side become one report.
+//! Two builds or two refiners on the same frames, interleaved: A, B, B, A, each time from a fresh start, so that a machine that slowly changes treats both
+//! alike. Each start is measured by a `mluc bench` of its own, because one program cannot observe two wire versions; the rounds of a side become one report.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};

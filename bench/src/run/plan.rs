@@ -227,8 +227,7 @@ fn find(program: &Path) -> Option<PathBuf> {
     files.find(|file| file.is_file())
 }
 
-/// The refiner that is named (the first of two), else the scenario's, and the arguments that name it to `mluc up`. `file`: for a
-/// configuration.
+/// The refiner that is named (the first of two), else the scenario's, and the arguments that name it to `mluc up`. `file`: for a configuration.
 fn refiner(args: &RunArgs, document: &Table, file: &Path) -> Result<(String, Vec<String>)> {
     if args.refiner.len() > 2 || (args.against.is_some() && args.refiner.len() > 1) {
         return usage("--refiner can be given once, or twice without --against");

@@ -23,8 +23,7 @@ impl<T: Copy + Default> Aligned<T> {
 
     pub(crate) fn as_slice(&self) -> &[T] {
         let () = Self::DENSE;
-        // SAFETY: a Line is exactly LINE consecutive T (repr(C), no padding), all of them initialised; the borrow of
-        // self covers the result.
+        // SAFETY: a Line is exactly LINE consecutive T (repr(C), no padding), all of them initialised; the borrow of self covers the result.
         unsafe { std::slice::from_raw_parts(self.0.as_ptr().cast(), self.0.len() * LINE) }
     }
 

@@ -1,5 +1,4 @@
-//! AVX-512: 32 registers of 16 f32. With `BF16` and `VNNI` also its products of bf16 (two a lane and a cycle) and of
-//! bytes (four).
+//! AVX-512: 32 registers of 16 f32. With `BF16` and `VNNI` also its products of bf16 (two a lane and a cycle) and of bytes (four).
 
 use std::{arch::x86_64::*, mem::transmute};
 

@@ -92,8 +92,7 @@ impl Level {
         kinds.map(|(kind, _)| Level(*kind)).collect()
     }
 
-    /// From now on [`Level::best`] is this one in the whole program: for tests of what other processors would run, and
-    /// to compare them.
+    /// From now on [`Level::best`] is this one in the whole program: for tests of what other processors would run, and to compare them.
     pub fn restrict(self) {
         FASTEST.store(self.0 as u8, Ordering::Relaxed);
     }

@@ -94,8 +94,7 @@ impl Lists<'_> {
         }
     }
 
-    /// [`Lists::at_tap`], with as many taps after it as are listed and, like it, have every row: their sums can stay in
-    /// registers from tap to tap.
+    /// [`Lists::at_tap`], with as many taps after it as are listed and, like it, have every row: their sums can stay in registers from tap to tap.
     #[inline(always)]
     pub(crate) fn at_taps_from<S: Simd>(&mut self, simd: S, tap: usize) -> Listed<'_> {
         self.at_tap(simd, tap);

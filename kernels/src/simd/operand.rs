@@ -20,8 +20,7 @@ pub trait Operand: Copy + Default {
     /// Whether a product takes a few registers besides its operands where the processor has no instruction for it.
     const NEEDS_SPARE: bool = false;
 
-    /// What a packed weight of 1 is worth in each output channel. Given are taps, input and output channels, and the
-    /// weight of each.
+    /// What a packed weight of 1 is worth in each output channel. Given are taps, input and output channels, and the weight of each.
     ///
     /// # Panics
     /// When these cannot multiply so many channels.
@@ -156,8 +155,7 @@ const LARGEST: f32 = 127.0;
 /// Products of so many inputs (255 at most) and weights fit an i32.
 const INPUTS_MAX: usize = i32::MAX as usize / (255 * 127);
 
-/// Weights are i8; each output channel's largest is 127 of its scale. The last row of a tap is 128 times the sum of each
-/// column, for [`Simd::SIGNED_BYTES`].
+/// Weights are i8; each output channel's largest is 127 of its scale. The last row of a tap is 128 times the sum of each column, for [`Simd::SIGNED_BYTES`].
 impl Operand for u8 {
     type Weight = u32;
     type Sum = i32;
@@ -236,8 +234,7 @@ impl Operand for u8 {
     }
 }
 
-/// Counts of 0 to 255 as rows of u8 have, with the same sums: faster where the processor multiplies no bytes. Weights
-/// are those of u8, in i16.
+/// Counts of 0 to 255 as rows of u8 have, with the same sums: faster where the processor multiplies no bytes. Weights are those of u8, in i16.
 impl Operand for i16 {
     type Weight = u32;
     type Sum = i32;
@@ -279,8 +276,7 @@ fn pair(row: usize, cin: usize, bits: impl Fn(usize) -> u16) -> u32 {
 /// `totals += inputs * weights`: rows of `cin` times the packed rows of a tap, of which V registers are used.
 ///
 /// # Safety
-/// Each of `inputs` is valid for reads of `cin` values, and each of the tap's rows from `weights` on, `width` apart, for
-/// reads of V registers.
+/// Each of `inputs` is valid for reads of `cin` values, and each of the tap's rows from `weights` on, `width` apart, for reads of V registers.
 #[inline(always)]
 pub(super) unsafe fn multiply<I: Operand, S: Simd, const R: usize, const V: usize>(
     simd: S,

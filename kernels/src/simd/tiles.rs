@@ -15,8 +15,7 @@ use super::{
 
 /// `sums[pair.row] += input[pair.input] * weights of the tap`, for each listed pair; sums in i32 modulo 2^32.
 ///
-/// `input`: rows of `cin`. `weights`: `[I::tap_rows(cin)][width]` for each listed tap. `sums`: rows of `width`. No two
-/// pairs of a tap have the same row.
+/// `input`: rows of `cin`. `weights`: `[I::tap_rows(cin)][width]` for each listed tap. `sums`: rows of `width`. No two pairs of a tap have the same row.
 #[inline(always)]
 pub(crate) fn convolve_tiles<I: Operand, S: Simd>(
     simd: S,
@@ -126,8 +125,7 @@ impl Tile for Gradient<'_> {
     #[inline(always)]
     unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]) {
         let [row, column] = at;
-        // SAFETY: `gradient_tiles` has checked the pairs and the lengths, the caller gives rows (input channels) and
-        // columns inside.
+        // SAFETY: `gradient_tiles` has checked the pairs and the lengths, the caller gives rows (input channels) and columns inside.
         unsafe {
             let mut sums = [self.gradient; R];
             for r in 0..R {

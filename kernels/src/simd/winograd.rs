@@ -236,8 +236,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
                 for y in 0..4 {
                     for x in 0..4 {
                         let place = ((y * 4 + x) * tiles + tile) * width + channel;
-                        // SAFETY: `multiply` has written `width` sums of each of the tiles at each place; width is a
-                        // multiple of LANES.
+                        // SAFETY: `multiply` has written `width` sums of each of the tiles at each place; width is a multiple of LANES.
                         m[y][x] = unsafe { load(self.sums.add(place)) };
                     }
                 }
@@ -321,8 +320,7 @@ impl<I: Tiled> Tile for Product<I> {
     #[inline(always)]
     unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]) {
         let [row, column] = at;
-        // SAFETY: `Windows::multiply` has checked the lengths, the caller gives rows and columns inside; a register has
-        // at most LINE lanes.
+        // SAFETY: `Windows::multiply` has checked the lengths, the caller gives rows and columns inside; a register has at most LINE lanes.
         unsafe {
             let (mut windows, mut sums) = ([self.windows; R], [self.sums; R]);
             for r in 0..R {

@@ -1,12 +1,10 @@
 //! 3x3 layers of stride 1 by tiles of 2x2 outputs: 16 products for each pair of channels instead of 36.
 //!
-//! Winograd's minimal filtering F(2x2, 3x3) (Lavin and Gray 2016, section 4.1): a 4x4 window of input rows d and the
-//! kernel g are each transformed, multiplied place by place (so the sum over input channels is one matrix product a
-//! place), and the 16 sums are transformed back: Y = A'[(G g G') * (B' d B)]A. The transforms only add and halve, so the
-//! result is the direct one up to rounding, in i16 exactly: B' d B of counts up to 255 lies within 1020, 4 G g G' of
-//! weights up to 127 within 1143, and the sums, 4 times the direct ones, fit an i32 for all channels that fit a chunk.
-//! An output depends on its own 3x3 inputs alone: what it does not read cancels
-//! in the formula, not in the arithmetic. An infinite input may make it no number.
+//! Winograd's minimal filtering F(2x2, 3x3) (Lavin and Gray 2016, section 4.1): a 4x4 window of input rows d and the kernel g are each transformed, multiplied
+//! place by place (so the sum over input channels is one matrix product a place), and the 16 sums are transformed back: Y = A'[(G g G') * (B' d B)]A. The
+//! transforms only add and halve, so the result is the direct one up to rounding, in i16 exactly: B' d B of counts up to 255 lies within 1020, 4 G g G' of
+//! weights up to 127 within 1143, and the sums, 4 times the direct ones, fit an i32 for all channels that fit a chunk. An output depends on its own 3x3 inputs
+//! alone: what it does not read cancels in the formula, not in the arithmetic. An infinite input may make it no number.
 
 mod tiles;
 mod weights;
@@ -107,8 +105,7 @@ impl<I: Tiled> Job<'_, I> {
         );
     }
 
-    /// Computes chunks of tiles, of nearly equal size. Not inlined: the memory of a chunk is not to lie in each of the
-    /// frames that halve strips.
+    /// Computes chunks of tiles, of nearly equal size. Not inlined: the memory of a chunk is not to lie in each of the frames that halve strips.
     #[inline(never)]
     fn task<O: Element>(&self, tiles: Range<usize>, first: usize, output: &mut [O]) {
         let chunks = tiles.len().div_ceil(chunk_tiles(self.weights.cin));

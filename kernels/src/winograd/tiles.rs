@@ -3,8 +3,7 @@
 use super::PLACES;
 use crate::ABSENT;
 
-/// Tiles that hold every wanted cell of a map once. Tiles lie at even rows and columns, so that a cell's tile does not
-/// depend on which other cells are wanted.
+/// Tiles that hold every wanted cell of a map once. Tiles lie at even rows and columns, so that a cell's tile does not depend on which other cells are wanted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct WinogradTiles {
     /// 16 a tile: the input rows of its 4x4 window, row by row; [`ABSENT`] beyond the map.

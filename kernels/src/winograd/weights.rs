@@ -13,9 +13,8 @@ use crate::{
 pub struct WeightsWinograd<I: Tiled = f32>(pub(super) Weights<I>);
 
 impl<I: Tiled> WeightsWinograd<I> {
-    /// Transforms and packs `[tap][cin][cout]` of 9 taps, row by row. `None` where the channels are not whole registers
-    /// of any processor (multiples of 16; input channels of i16: 32 at least), or too many for a chunk of tiles: multiply
-    /// those directly.
+    /// Transforms and packs `[tap][cin][cout]` of 9 taps, row by row. `None` where the channels are not whole registers of any processor (multiples of 16;
+    /// input channels of i16: 32 at least), or too many for a chunk of tiles: multiply those directly.
     ///
     /// # Panics
     /// When `plain` has another length (a broken invariant, not data).

@@ -1,13 +1,11 @@
 //! Which detections find which labels: the devkit's greedy matching, at every threshold at once.
 //!
-//! The devkit matches twice. Once over all detections, where a label takes the detection with the highest score: the
-//! scores of those matches become the thresholds. Then at each threshold, where a label takes the detection that
-//! overlaps most. A frame's matching changes only where the threshold crosses one of its own detections, so each frame
-//! is matched once for each of those, and the counts over all frames follow by adding up the changes.
+//! The devkit matches twice. Once over all detections, where a label takes the detection with the highest score: the scores of those matches become the
+//! thresholds. Then at each threshold, where a label takes the detection that overlaps most. A frame's matching changes only where the threshold crosses one of
+//! its own detections, so each frame is matched once for each of those, and the counts over all frames follow by adding up the changes.
 //!
-//! Terms: a label or detection is *valid* when it counts, *ignored* when it may take part in a match that then counts
-//! neither way (too small, too occluded, a neighbour class). Labels keep file order; a match needs an overlap strictly
-//! above the class' least one.
+//! Terms: a label or detection is *valid* when it counts, *ignored* when it may take part in a match that then counts neither way (too small, too occluded, a
+//! neighbour class). Labels keep file order; a match needs an overlap strictly above the class' least one.
 
 use crate::curve::{Curve, FrameCurve};
 use crate::frame::score_of;

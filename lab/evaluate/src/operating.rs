@@ -1,13 +1,11 @@
 //! What the robot gets at a score: objects a scan, how many of them lie on no label, how many labels are found.
 //!
-//! An object lies on a label when its centre is in the label's footprint, grown by 0.5 m on every side. Counted is what lies within
-//! 70 m and not in a region without labels; what lies outside of the image was dropped before. A label is found as for AP: by an
-//! overlap above its rule's, difficulty moderate.
+//! An object lies on a label when its centre is in the label's footprint, grown by 0.5 m on every side. Counted is what lies within 70 m and not in a region
+//! without labels; what lies outside of the image was dropped before. A label is found as for AP: by an overlap above its rule's, difficulty moderate.
 //!
-//! Scans of a drive look alike, so the intervals come from drawing drives, and in each of them runs of scans (bootstrap in blocks).
-//! A score is chosen by risk control: the upper 95 % bound of the false objects a scan, not their number, stays below a limit.
-//! How far a score, or the probability that the model makes of it, can be read as one: of the objects in each tenth, the share that lies
-//! on a label of their kind. [`Operating::probabilities`] makes a model's table.
+//! Scans of a drive look alike, so the intervals come from drawing drives, and in each of them runs of scans (bootstrap in blocks). A score is chosen by risk
+//! control: the upper 95 % bound of the false objects a scan, not their number, stays below a limit. How far a score, or the probability that the model makes
+//! of it, can be read as one: of the objects in each tenth, the share that lies on a label of their kind. [`Operating::probabilities`] makes a model's table.
 
 use crate::breakdown::range_m;
 use crate::curve::{Curve, FrameCurve};

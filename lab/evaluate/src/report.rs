@@ -88,8 +88,7 @@ pub fn evaluate(frames: &[LabelledFrame], rules: &[ClassRule]) -> ApReport {
 }
 
 impl ApReport {
-    /// `{"car/3d/moderate": {"ap_r11": .., "ap_r40": .., "ap_all": ..}, ..}`, with the open-set figures at the top
-    /// level where there are any, in percent.
+    /// `{"car/3d/moderate": {"ap_r11": .., "ap_r40": .., "ap_all": ..}, ..}`, with the open-set figures at the top level where there are any, in percent.
     pub fn to_json(&self) -> Value {
         let mut object = Map::new();
         for class in &self.classes {
@@ -113,8 +112,7 @@ impl ApReport {
         Value::Object(object)
     }
 
-    /// At 40 positions and over all points, where an unknown group was asked for: mAP of the known, recall and AP of the unknown, and
-    /// the harmonic mean.
+    /// At 40 positions and over all points, where an unknown group was asked for: mAP of the known, recall and AP of the unknown, and the harmonic mean.
     fn open_set(&self) -> Vec<(&'static str, f64, f64, f64, f64)> {
         let Some(unknown) = self.unknown().map(ClassReport::main) else {
             return Vec::new();

@@ -107,8 +107,7 @@ impl ClassRule {
         self.label_counts(label) == Some(true) && difficulty.takes(label)
     }
 
-    /// Whether a detection claims to be of this class. A detector that was trained on unknown classes names them: its
-    /// detections are merged as the labels are.
+    /// Whether a detection claims to be of this class. A detector that was trained on unknown classes names them: its detections are merged as the labels are.
     pub(crate) fn claims(&self, detection: &Label) -> bool {
         match self.kind {
             ObjectKind::Known => detection.is(&self.name),
@@ -120,8 +119,7 @@ impl ClassRule {
 /// What an evaluation is asked for.
 #[derive(Args, Clone, Debug, Default)]
 pub struct RuleRequest {
-    /// The known classes, exactly [default: KITTI's three, those with an overlap of their own, and any labelled class that a detection of
-    /// kind known names].
+    /// The known classes, exactly [default: KITTI's three, those with an overlap of their own, and any labelled class that a detection of kind known names].
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     pub classes: Vec<String>,
     /// Overlap a class: a match needs more than it [default: KITTI's, 0.7 for trucks and vans, 0.5 for others].
@@ -193,8 +191,7 @@ pub fn unknown_classes(model_name: &str) -> Vec<String> {
     names.iter().map(|name| (*name).to_owned()).collect()
 }
 
-/// One rule a known class at the paper's overlap in a model's setting (KITTI's, but 0.5 for cars elsewhere), then one for `unknown` if
-/// there is any such class.
+/// One rule a known class at the paper's overlap in a model's setting (KITTI's, but 0.5 for cars elsewhere), then one for `unknown` if there is any such class.
 pub fn paper_rules(
     model_name: &str,
     known: &[String],

@@ -123,8 +123,7 @@ pub fn honest(points: &[JudgedPoint]) -> Option<Honest> {
     })
 }
 
-/// At most `count` thresholds that cut the values into equal parts, ascending, without repeats; values that are not
-/// finite are left out.
+/// At most `count` thresholds that cut the values into equal parts, ascending, without repeats; values that are not finite are left out.
 pub(crate) fn quantile_grid(values: &[f64], count: usize) -> Vec<f64> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);

@@ -1,8 +1,7 @@
 //! The paper's tables with one command: simulate what is missing, train what is missing, evaluate, report.
 //!
-//! [`run`] takes the steps of a plan one by one. Every step leaves its outcome in a file (a data set, a model, an
-//! evaluation), written whole or not at all, so a run that was interrupted goes on where it stopped, and a network that
-//! was trained elsewhere is taken as it is.
+//! [`run`] takes the steps of a plan one by one. Every step leaves its outcome in a file (a data set, a model, an evaluation), written whole or not at all, so
+//! a run that was interrupted goes on where it stopped, and a network that was trained elsewhere is taken as it is.
 //!
 //! What it leaves out: the clock and the machine. Figures depend on the data, the networks and the seeds alone.
 

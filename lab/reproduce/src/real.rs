@@ -75,8 +75,7 @@ pub(crate) fn real_rows(
     Ok(rows)
 }
 
-/// AP over all points, moderate, by class. `fair`: trams, Misc, sitting persons and what lies in DontCare regions are neither right
-/// nor wrong.
+/// AP over all points, moderate, by class. `fair`: trams, Misc, sitting persons and what lies in DontCare regions are neither right nor wrong.
 fn real_row(method: &str, data: &str, threshold: f64, frames: &[LabelledFrame]) -> Value {
     let [literal, fair] =
         [UnknownProtocol::Literal, UnknownProtocol::Fair].map(|protocol| reports(frames, protocol));

@@ -275,8 +275,7 @@ struct Turn {
     moves: bool,
 }
 
-/// Simulates one frame, by the family's sensor where no other is given. Pure: the same arguments give the same bits, whatever was
-/// simulated before.
+/// Simulates one frame, by the family's sensor where no other is given. Pure: the same arguments give the same bits, whatever was simulated before.
 pub fn frame(
     family: Family,
     split: Split,

@@ -36,8 +36,7 @@ pub(crate) struct RowClass {
 }
 
 impl BatchTargets {
-    /// Puts frames together. `cells`: of one frame's map; `anchors`: of a cell; `classes`: logits of an anchor, 1 but for
-    /// a sigmoid head.
+    /// Puts frames together. `cells`: of one frame's map; `anchors`: of a cell; `classes`: logits of an anchor, 1 but for a sigmoid head.
     pub fn new(frames: &[Targets], cells: usize, anchors: usize, classes: usize) -> BatchTargets {
         let mut batch = BatchTargets::default();
         let mut all = vec![0; frames.len() * cells * anchors * classes];

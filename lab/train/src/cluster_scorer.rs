@@ -2,8 +2,7 @@
 //! split alone: before the network is trained, clusters on labelled objects of the known classes stand against clusters on nothing; after it,
 //! what the network proposes on synthetic unknown objects against what it proposes elsewhere.
 //!
-//! Sizes are varied while it is fitted, so that it learns bodies against walls and leaves rather than the sizes of the known
-//! classes. Extension of the paper.
+//! Sizes are varied while it is fitted, so that it learns bodies against walls and leaves rather than the sizes of the known classes. Extension of the paper.
 
 use mluc_backbone::Precision;
 use mluc_dataset::SYNTHETIC_UNKNOWN;
@@ -52,8 +51,7 @@ pub fn fit_cluster_scorer(
     Ok(as_scorer(fit(&examples.concat(), ALL, seed)))
 }
 
-/// Fits on what a trained network with an output for the unknown proposes on scans with synthetic unknown objects; `step` is called after
-/// each.
+/// Fits on what a trained network with an output for the unknown proposes on scans with synthetic unknown objects; `step` is called after each.
 pub fn fit_to_proposals(
     model: &Model,
     set: &FrameSet,

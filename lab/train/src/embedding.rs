@@ -25,8 +25,7 @@ const PUSH_APART: f32 = 1.5;
 /// Layers, background prototypes, and the unknown's score.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointEmbedding {
-    /// Features to embedding. After the layers' parameters come the background prototypes (`[prototype][value]`) and the log
-    /// weight of the unknown.
+    /// Features to embedding. After the layers' parameters come the background prototypes (`[prototype][value]`) and the log weight of the unknown.
     pub mlp: Mlp,
 }
 

@@ -12,8 +12,7 @@ use crate::pool::Pool;
 pub struct LayerPlan {
     /// Rows of the output by the rows of the input they read.
     pub gather: Gather,
-    /// Rows of the input (without the background) by the output rows that read them, for the input's gradient; `None`
-    /// where nobody wants it.
+    /// Rows of the input (without the background) by the output rows that read them, for the input's gradient; `None` where nobody wants it.
     pub transposed: Option<Gather>,
     /// The last input row, where it stands for many cells and so has many readers.
     pub background: Option<u32>,
@@ -76,8 +75,7 @@ impl Layer {
         Activation { x, y, statistics }
     }
 
-    /// Adds to the gradients of the parameters. `gradient` is that of the activation's `y`; returned is that of `input`,
-    /// empty where the plan wants none.
+    /// Adds to the gradients of the parameters. `gradient` is that of the activation's `y`; returned is that of `input`, empty where the plan wants none.
     pub fn backward(
         &self,
         parameters: &[f32],

@@ -145,8 +145,7 @@ pub fn normalise(x: &[f32], [gamma, beta]: [&[f32]; 2], statistics: &Statistics,
     chunks.for_each(|(y, x)| at_best(|| work(y, x)));
 }
 
-/// The gradient of [`forward`]: `gradient` enters as that of `y` and leaves as that of `x`; the gradients of scale and
-/// shift are added to `affine`.
+/// The gradient of [`forward`]: `gradient` enters as that of `y` and leaves as that of `x`; the gradients of scale and shift are added to `affine`.
 pub fn backward(
     Activation { x, y, statistics }: &Activation,
     tail: Tail,

@@ -12,8 +12,7 @@ const START_DIVISOR: f64 = 10.0;
 const END_DIVISOR: f64 = 1e4;
 const MOMENTA: [f64; 2] = [0.95, 0.85];
 
-/// The one-cycle schedule: cosine from a tenth of the highest rate up to it and down to nearly nothing; the momentum
-/// runs the other way.
+/// The one-cycle schedule: cosine from a tenth of the highest rate up to it and down to nearly nothing; the momentum runs the other way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Schedule {
     /// Highest learning rate.

@@ -249,8 +249,7 @@ impl Run {
     }
 }
 
-/// Gives the anchors of each class the mean size and height of its objects. Class-agnostic anchors stand where the classes' objects
-/// stand on average.
+/// Gives the anchors of each class the mean size and height of its objects. Class-agnostic anchors stand where the classes' objects stand on average.
 fn measure_anchors(
     manifest: &mut Manifest,
     settings: &TrainSettings,

@@ -146,8 +146,7 @@ impl TrainSettings {
         1500 * usize::from(pastes)
     }
 
-    /// Cells of a frame with points and no object that are learned from. Many for metric-open, so that some look like an object; both
-    /// are guesses.
+    /// Cells of a frame with points and no object that are learned from. Many for metric-open, so that some look like an object; both are guesses.
     pub fn background_cells(&self) -> usize {
         match self.kind {
             NetworkKind::MlucFull => 64,
@@ -223,8 +222,7 @@ impl TrainSettings {
         }
     }
 
-    /// T, the length of the prototypes: fixed where the head is one of logits, else the number of classes (paper section 3.2), or 3 for
-    /// mluc-full.
+    /// T, the length of the prototypes: fixed where the head is one of logits, else the number of classes (paper section 3.2), or 3 for mluc-full.
     pub fn prototype_scale(&self) -> f32 {
         let fixed = self.kind.head().prototype_scale();
         fixed.unwrap_or(match self.kind {

@@ -39,8 +39,7 @@ impl ScanSource {
         Ok(self.changed(number, |_| ())?.0)
     }
 
-    /// A scan whose points were changed as they come from the sensor, and for each object whether it is seen well enough to be
-    /// pasted elsewhere.
+    /// A scan whose points were changed as they come from the sensor, and for each object whether it is seen well enough to be pasted elsewhere.
     pub fn changed(
         &self,
         number: usize,

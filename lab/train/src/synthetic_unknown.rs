@@ -1,9 +1,8 @@
 //! Objects that stand for the unknown, made of known ones: no label of an unknown class is used.
 //!
-//! A known object is scaled axis by axis, or the front (the lower part) of one is joined to the rear (the upper part) of
-//! another, and a slab of points may be cut out, as windows and open sides do. What still has the size of a known class
-//! is thrown away. The result moves along its bearing by the mean factor, so that its points are as dense as a scan's.
-//! Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
+//! A known object is scaled axis by axis, or the front (the lower part) of one is joined to the rear (the upper part) of another, and a slab of points may be
+//! cut out, as windows and open sides do. What still has the size of a known class is thrown away. The result moves along its bearing by the mean factor, so
+//! that its points are as dense as a scan's. Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
 
 use mluc_geometry::{Box3, Random};
 use mluc_simulate::synthetic_unknown::{

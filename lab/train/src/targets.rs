@@ -1,13 +1,11 @@
 //! What each anchor and each cell should say about a frame.
 //!
-//! Anchors: the public SECOND assignment. Only objects of an anchor's own class count; overlap is that of the "nearest"
-//! axis-aligned footprints, heights ignored. An anchor is positive at or above its class's matched overlap, negative
-//! below the unmatched one, ignored between; each object's best anchors are positive whatever their overlap.
-//! Cells (for the metric loss, paper section 3.2, eq. 2): those whose centre lies in a footprint (the smallest wins),
-//! the cell of each object's centre, and those of positive anchors.
-//! Synthetic unknown objects of no class are matched with the class-agnostic anchors, where the network has them, as known objects
-//! are too; else with those of the class that overlaps them most. The anchors of a class that overlap them are ignored.
-//! Objects that are not trained on (see [`crate::scan`]) make anchors and cells under them ignored.
+//! Anchors: the public SECOND assignment. Only objects of an anchor's own class count; overlap is that of the "nearest" axis-aligned footprints, heights
+//! ignored. An anchor is positive at or above its class's matched overlap, negative below the unmatched one, ignored between; each object's best anchors are
+//! positive whatever their overlap. Cells (for the metric loss, paper section 3.2, eq. 2): those whose centre lies in a footprint (the smallest wins), the cell
+//! of each object's centre, and those of positive anchors. Synthetic unknown objects of no class are matched with the class-agnostic anchors, where the network
+//! has them, as known objects are too; else with those of the class that overlaps them most. The anchors of a class that overlap them are ignored. Objects that
+//! are not trained on (see [`crate::scan`]) make anchors and cells under them ignored.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;

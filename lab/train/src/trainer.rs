@@ -11,9 +11,8 @@ use crate::network::{Chain, Pass, StepInput};
 use crate::optimizer::{Adam, Schedule};
 use crate::pool::Pool;
 
-/// The share of a new batch in the running statistics, once enough batches have been seen. Before, the plain mean of all
-/// batches: a short run must not remember its first weights. At the end of the cycle the rate is nearly 0, so the last
-/// 50 batches share one set of weights and the statistics are theirs.
+/// The share of a new batch in the running statistics, once enough batches have been seen. Before, the plain mean of all batches: a short run must not remember
+/// its first weights. At the end of the cycle the rate is nearly 0, so the last 50 batches share one set of weights and the statistics are theirs.
 const MOMENTUM_MIN: f32 = 0.02;
 
 /// What training has reached.

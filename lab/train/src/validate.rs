@@ -10,8 +10,7 @@ use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, GatedObjects, detect_fram
 use mluc_evaluate::{ApReport, EvaluateError, NeighbourPolicy, evaluate};
 use mluc_model::Model;
 
-/// Judges `model` on the first `most` frames of a folder; returns also how many frames and boxes there were. Boxes without a class
-/// are no known objects.
+/// Judges `model` on the first `most` frames of a folder; returns also how many frames and boxes there were. Boxes without a class are no known objects.
 pub(crate) fn validate(
     model: &Model,
     folder: &Path,

@@ -1,9 +1,8 @@
 //! A 3x3 layer on the bird's-eye map, computed only where its input can differ from the empty scene.
 //!
-//! Far from any point a layer's output is its response to an empty scene: constant but for the zero padding's influence
-//! near the border. That response is computed once. A frame then computes the cells that read a cell which its input
-//! layer computed; neighbours outside read the stored response. The result equals the dense one: bit for bit, in f32 by
-//! tiles up to rounding. A network with `halo_layers` computes no further cells after so many layers.
+//! Far from any point a layer's output is its response to an empty scene: constant but for the zero padding's influence near the border. That response is
+//! computed once. A frame then computes the cells that read a cell which its input layer computed; neighbours outside read the stored response. The result
+//! equals the dense one: bit for bit, in f32 by tiles up to rounding. A network with `halo_layers` computes no further cells after so many layers.
 
 use mluc_kernels::{ABSENT, Gather, Tiled, WeightsWinograd, WinogradTiles, convolve_winograd};
 use mluc_model::{DenseLayer, Folded, WeightSet};
@@ -68,9 +67,8 @@ struct ByTiles<I: Tiled> {
 }
 
 impl<V: Value> PlaneLayer<V> {
-    /// `input`: what it reads; `scale`: of its own values. `reads_sparse_map`: its input is zero where no site lies; what is
-    /// left of the direct sum when zeros are skipped is less than tiles would take. `has_halo`: it computes every cell that
-    /// reads one of its input's, not those cells alone.
+    /// `input`: what it reads; `scale`: of its own values. `reads_sparse_map`: its input is zero where no site lies; what is left of the direct sum when zeros
+    /// are skipped is less than tiles would take. `has_halo`: it computes every cell that reads one of its input's, not those cells alone.
     pub(crate) fn new(
         layer: &DenseLayer,
         weights: &WeightSet,
@@ -156,8 +154,7 @@ impl<V: Value> PlaneLayer<V> {
     }
 }
 
-/// 3x3 windows (padding 1) around the `active` output cells: which cell of the input map each tap reads. `read`: the
-/// only cells worth reading.
+/// 3x3 windows (padding 1) around the `active` output cells: which cell of the input map each tap reads. `read`: the only cells worth reading.
 fn window_gather(
     active: &CellSet,
     input_shape: [usize; 2],

@@ -7,8 +7,7 @@ use crate::error::BackboneError;
 
 /// What rows and weights hold between the first layer and the feature rows.
 ///
-/// The first sparse layer reads coordinates in m, of which bf16 would keep 8 bits: it is computed in f32, and the feature
-/// rows leave as f32.
+/// The first sparse layer reads coordinates in m, of which bf16 would keep 8 bits: it is computed in f32, and the feature rows leave as f32.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {

@@ -41,8 +41,7 @@ fn insert_cells(layer: &SparseLayer, input: &Sites, output: &mut Sites) {
     }
 }
 
-/// 64 cells of an x-row at a time: `readers_of` turns the bits of a word that begins at x into those of the cells from
-/// x / stride on that read them.
+/// 64 cells of an x-row at a time: `readers_of` turns the bits of a word that begins at x into those of the cells from x / stride on that read them.
 fn insert_words(
     layer: &SparseLayer,
     input: &Sites,
@@ -61,14 +60,12 @@ fn insert_words(
     }
 }
 
-/// Windows of three cells about every second one: cell o reads 2 o - 1 to 2 o + 1. The last input is read by the first
-/// cell beyond the 32 as well.
+/// Windows of three cells about every second one: cell o reads 2 o - 1 to 2 o + 1. The last input is read by the first cell beyond the 32 as well.
 fn halved(word: u64) -> u64 {
     even_bits(word | word << 1 | word >> 1) | (word >> 63) << 32
 }
 
-/// Output positions along one axis that exist for `at`: all o whose window holds it, o * stride - padding <= at < that + kernel; or its
-/// floor.
+/// Output positions along one axis that exist for `at`: all o whose window holds it, o * stride - padding <= at < that + kernel; or its floor.
 fn readers(layer: &SparseLayer, axis: usize, at: usize, edge: usize) -> std::ops::Range<usize> {
     let (kernel, stride) = (layer.kernel[axis], layer.stride[axis]);
     if layer.floor {

@@ -6,8 +6,7 @@
 
 use mluc_kernels::ABSENT;
 
-/// Sites of one resolution. Fill with [`Sites::insert`], then [`Sites::finish`], then look up; [`Sites::clear`] starts
-/// the next frame in the same memory.
+/// Sites of one resolution. Fill with [`Sites::insert`], then [`Sites::finish`], then look up; [`Sites::clear`] starts the next frame in the same memory.
 #[derive(Clone, Debug, Default)]
 pub struct Sites {
     shape: [usize; 3],
@@ -189,8 +188,7 @@ impl Sites {
             }
         }
         bits = bits.unbounded_shl(skipped as u32);
-        // The sites of an x-row are numbered in a row, so one count serves them all. No branch: the pattern of sites
-        // cannot be predicted.
+        // The sites of an x-row are numbered in a row, so one count serves them all. No branch: the pattern of sites cannot be predicted.
         for found in found {
             let site = (bits & 1) as u32;
             *found = number | site.wrapping_sub(1);

@@ -29,8 +29,7 @@ pub struct Level<'a> {
 /// Called with each level of a frame, in order.
 pub type Observer<'a> = &'a mut dyn FnMut(Level);
 
-/// Called after each step of a frame, in order, with its name (`ground`, `voxels`, `rulebooks`, `bev`, `rows`, or the layer's): the
-/// caller may look at a clock.
+/// Called after each step of a frame, in order, with its name (`ground`, `voxels`, `rulebooks`, `bev`, `rows`, or the layer's): the caller may look at a clock.
 pub type Steps<'a> = &'a mut dyn FnMut(&str);
 
 /// Who looks on while a frame is computed.

@@ -1,5 +1,4 @@
-//! A processor without vector registers: the same answers, slower. In a file of its own, because it turns the registers
-//! off for the whole program.
+//! A processor without vector registers: the same answers, slower. In a file of its own, because it turns the registers off for the whole program.
 
 mod common;
 

@@ -62,8 +62,7 @@ pub struct ObjectLine<'a> {
     /// Probability of being none of the known, where the model tells it.
     unknown_probability: Option<f32>,
     points: u32,
-    /// Number of its track, where unknown objects are followed over frames; whether that is worth an alarm, its age and its speed over
-    /// the ground.
+    /// Number of its track, where unknown objects are followed over frames; whether that is worth an alarm, its age and its speed over the ground.
     track: Option<u32>,
     confirmed: Option<bool>,
     age_scans: Option<u32>,

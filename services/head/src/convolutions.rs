@@ -37,8 +37,7 @@ impl RowHead {
     }
 }
 
-/// What makes an anchor a candidate, embedding (C values), box (7 codes an anchor), direction (2 logits an anchor), and
-/// the logit of the unknown.
+/// What makes an anchor a candidate, embedding (C values), box (7 codes an anchor), direction (2 logits an anchor), and the logit of the unknown.
 #[derive(Clone, Debug)]
 pub(crate) struct RowHeads {
     /// Objectness (a logit an anchor) or, of a sigmoid head, a logit an anchor and class.

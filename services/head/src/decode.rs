@@ -1,8 +1,7 @@
 //! Anchors and the residual box code (paper section 3.1; the coder of SECOND).
 //!
-//! With d = sqrt(la^2 + wa^2), a box (x, y, z, l, w, h, yaw) against its anchor (a):
-//! t = ((x - xa) / d, (y - ya) / d, (z - za) / ha, ln(l / la), ln(w / wa), ln(h / ha), yaw - yaw_a).
-//! The code does not tell front from rear; a direction bin does.
+//! With d = sqrt(la^2 + wa^2), a box (x, y, z, l, w, h, yaw) against its anchor (a): t = ((x - xa) / d, (y - ya) / d, (z - za) / ha, ln(l / la), ln(w / wa),
+//! ln(h / ha), yaw - yaw_a). The code does not tell front from rear; a direction bin does.
 
 use mluc_geometry::{Box3, limit_period};
 use mluc_model::Manifest;

@@ -95,8 +95,7 @@ impl Head {
         })
     }
 
-    /// What the 1x1 convolutions give on every row, in the order of [`mluc_model::Network::heads`]: for tests against
-    /// other implementations.
+    /// What the 1x1 convolutions give on every row, in the order of [`mluc_model::Network::heads`]: for tests against other implementations.
     pub fn outputs(&self, rows: &[f32]) -> Vec<Vec<f32>> {
         let mut every_row = Gather::default();
         read_all(&mut every_row, rows.len() / self.channels);
@@ -225,8 +224,7 @@ impl Head {
         are_finite.then_some(found)
     }
 
-    /// Non-maximum suppression over all boxes with a class, whatever it is, then over those without one: they suppress each
-    /// other alone and come last.
+    /// Non-maximum suppression over all boxes with a class, whatever it is, then over those without one: they suppress each other alone and come last.
     fn suppress(&mut self) {
         let (frame, thresholds) = (&mut self.frame, &self.thresholds);
         let (boxes, iou_max) = (&frame.boxes, thresholds.nms_iou.into());

@@ -1,8 +1,7 @@
 //! Feature rows to detections: objectness, boxes, distances to the prototypes, the gate (paper section 3.2).
 //!
-//! [`Head`] is the stage; [`decode`], [`prototypes`] and [`gate`] hold its equations. One embedding a cell serves all of
-//! its anchors: an anchor is only ever positive for its own class, so an embedding of its own would learn that class and
-//! nothing else. Nothing here knows a process, a file or a clock.
+//! [`Head`] is the stage; [`decode`], [`prototypes`] and [`gate`] hold its equations. One embedding a cell serves all of its anchors: an anchor is only ever
+//! positive for its own class, so an embedding of its own would learn that class and nothing else. Nothing here knows a process, a file or a clock.
 
 mod candidates;
 mod convolutions;

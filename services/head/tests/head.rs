@@ -17,8 +17,7 @@ fn manifest(head: HeadKind, generic: usize) -> Manifest {
     Manifest::untrained("small", network)
 }
 
-/// Heads that copy the first channels of a row, in the order of the heads: of a metric head 6 objectness, 3 embedding, 42
-/// box, 12 direction.
+/// Heads that copy the first channels of a row, in the order of the heads: of a metric head 6 objectness, 3 embedding, 42 box, 12 direction.
 fn copying(manifest: &Manifest) -> WeightSet {
     let network = &manifest.network;
     let channels = network.feature_channels();

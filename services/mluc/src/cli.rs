@@ -188,8 +188,7 @@ pub(crate) struct PipelineArgs {
     #[arg(long, value_parser = Variant::ALL.map(Variant::name), help_heading = OBJECTS)]
     #[serde(skip)]
     pub(crate) refiner_mode: Option<String>,
-    /// Follow unknown objects over frames: each gets a number, and is published once two of the last three frames saw
-    /// it. Known objects are never delayed.
+    /// Follow unknown objects over frames: each gets a number, and is published once two of the last three frames saw it. Known objects are never delayed.
     #[arg(long, help_heading = OBJECTS)]
     #[serde(skip_serializing_if = "is_off")]
     pub(crate) track: bool,

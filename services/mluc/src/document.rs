@@ -41,8 +41,7 @@ pub(crate) fn nearest<'a>(word: &str, candidates: Vec<&'a str>) -> Option<&'a st
     near.min().map(|(_, name)| name)
 }
 
-/// The words in serde's ``unknown field `modle`, expected one of `instance`, `input`, ...`` (or `variant`): the unknown
-/// one, then the known ones.
+/// The words in serde's ``unknown field `modle`, expected one of `instance`, `input`, ...`` (or `variant`): the unknown one, then the known ones.
 fn unknown_and_known(message: &str) -> Vec<&str> {
     let is_unknown =
         message.starts_with("unknown field ") || message.starts_with("unknown variant ");
@@ -50,8 +49,7 @@ fn unknown_and_known(message: &str) -> Vec<&str> {
     words.filter(|_| is_unknown).collect()
 }
 
-/// All keys of a table of the configuration (`stages.head`; empty: the top), those without a default too. Empty where
-/// there is no such table.
+/// All keys of a table of the configuration (`stages.head`; empty: the top), those without a default too. Empty where there is no such table.
 pub fn known_keys(table: &str) -> Vec<String> {
     let key = format!("{table}.\"?\"");
     let texts = [

@@ -18,8 +18,7 @@ pub(crate) struct ExternalArgs {
     _arguments: Vec<OsString>,
 }
 
-/// The program of this name: the file beside this program where there is one, else the bare name, which is looked up on
-/// PATH when it is started.
+/// The program of this name: the file beside this program where there is one, else the bare name, which is looked up on PATH when it is started.
 pub fn installed_program(name: &str) -> PathBuf {
     let own = std::env::current_exe().unwrap_or_default();
     let beside = Some(own.with_file_name(name)).filter(|path| path.is_file());

@@ -2,8 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Rust's runtime opens /dev/null in the place of a closed stdout before `main`: what is written would be lost without an
-/// error. So this is asked before.
+/// Rust's runtime opens /dev/null in the place of a closed stdout before `main`: what is written would be lost without an error. So this is asked before.
 static STDOUT_IS_CLOSED: AtomicBool = AtomicBool::new(false);
 
 extern "C" fn look_at_stdout() {

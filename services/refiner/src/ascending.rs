@@ -11,8 +11,7 @@ pub(crate) struct Ascending {
 }
 
 impl Ascending {
-    /// Sorts numbers that are there once each. Time and memory grow with the distance from the least to the largest: meant
-    /// for indices into a scan or a grid.
+    /// Sorts numbers that are there once each. Time and memory grow with the distance from the least to the largest: meant for indices into a scan or a grid.
     pub(crate) fn sort(&mut self, numbers: &mut [u32]) {
         if numbers.len() < FEW {
             return numbers.sort_unstable();

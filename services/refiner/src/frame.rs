@@ -1,7 +1,6 @@
 //! One pass over the scan: its points, sorted into tiles of 1 m seen from above.
 //!
-//! A counting sort that is linear in the points. Points that are not finite, or further than 128 m from the sensor along x
-//! or y, are left out and counted.
+//! A counting sort that is linear in the points. Points that are not finite, or further than 128 m from the sensor along x or y, are left out and counted.
 
 use mluc_geometry::ground::tiles::{NO_TILE, TILES, tile_of, tile_rows};
 use mluc_geometry::ground::{GROUND_HALF_M, lower_point};

@@ -4,10 +4,9 @@
 //! finds ground and clusters of the scan, matches each candidate to a cluster, lays a box around it, scores it, and decides
 //! which unknown objects stay beside each other and beside the known ones. Every candidate's disposition is given.
 //!
-//! [`Refiner`] is the stage; `decide.rs` says what is unknown and why. [`clusters`] finds the clusters of a scan, [`paper`]
-//! holds the paper's variants, which grow a cluster for each candidate, [`fit`] the ways to lay a box. Nothing here reads a
-//! clock, a file or the environment; work is bounded by counting points, so that the same input gives the same output on
-//! any machine.
+//! [`Refiner`] is the stage; `decide.rs` says what is unknown and why. [`clusters`] finds the clusters of a scan, [`paper`] holds the paper's variants, which
+//! grow a cluster for each candidate, [`fit`] the ways to lay a box. Nothing here reads a clock, a file or the environment; work is bounded by counting points,
+//! so that the same input gives the same output on any machine.
 //!
 //! Lengths in m, angles in rad, sensor frame: x forward, y left, z up.
 

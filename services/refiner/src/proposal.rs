@@ -32,9 +32,8 @@ pub(crate) const NEAR_M: f64 = 1.5;
 /// A box without a point is enlarged by this factor.
 pub(crate) const ENLARGED: f64 = 1.2;
 
-/// How far from a proposal's centre its cluster is looked for, m: its enlarged corners, but no less than 4 m, as a proposal
-/// may lie a metre off and of a long object often only the far end is seen, and no more than 10 m, as boxes may be larger
-/// than any object.
+/// How far from a proposal's centre its cluster is looked for, m: its enlarged corners, but no less than 4 m, as a proposal may lie a metre off and of a long
+/// object often only the far end is seen, and no more than 10 m, as boxes may be larger than any object.
 pub(crate) fn reach_m(shape: &Box3) -> f64 {
     (shape.half_diagonal_m() * ENLARGED).clamp(4.0, 10.0)
 }

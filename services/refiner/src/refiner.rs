@@ -119,10 +119,9 @@ impl Refiner {
     /// Proposals of the head's gate, ground, clusters of the scan, proposals matched to clusters, box, score, disposition,
     /// merge (paper section 3.3), the profile's scores.
     ///
-    /// As [`Refiner::refine`], of the scan that [`Refiner::read_scan`] was given last, for a caller with a clock: before the scan is clustered, and before each candidate, the
-    /// best first, `is_over` is asked whether the frame's time is up. Then the candidates that are left keep their proposal
-    /// boxes, are published with [`Object::UNREFINED`] and counted. One that says yes at once skips them all: for a frame
-    /// whose points are gone.
+    /// As [`Refiner::refine`], of the scan that [`Refiner::read_scan`] was given last, for a caller with a clock: before the scan is clustered, and before each
+    /// candidate, the best first, `is_over` is asked whether the frame's time is up. Then the candidates that are left keep their proposal boxes, are published
+    /// with [`Object::UNREFINED`] and counted. One that says yes at once skips them all: for a frame whose points are gone.
     pub fn refine_within(
         &mut self,
         sequence: u64,
@@ -195,8 +194,7 @@ impl Refiner {
         self.counters = counters;
     }
 
-    /// Lists the points in the boxes of known objects; where the variant keeps them apart, those in and around known objects
-    /// with a high score are theirs.
+    /// Lists the points in the boxes of known objects; where the variant keeps them apart, those in and around known objects with a high score are theirs.
     fn take_points_of_known(&mut self, points: usize) {
         let taken = &mut self.points;
         self.counters.points_not_finite = self.frame.not_finite;

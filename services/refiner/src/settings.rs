@@ -184,8 +184,7 @@ impl Settings {
         self.variant == Variant::RangeScaled
     }
 
-    /// Radius r of the paper's cylinder around the seed, m: 4 where the model sees all around (its industrial park), 5
-    /// where it looks ahead (KITTI).
+    /// Radius r of the paper's cylinder around the seed, m: 4 where the model sees all around (its industrial park), 5 where it looks ahead (KITTI).
     pub(crate) fn radius_m(&self, sensor: &Sensor) -> f64 {
         if sensor.sees_all_around { 4.0 } else { 5.0 }
     }

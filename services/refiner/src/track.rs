@@ -25,9 +25,8 @@ const STILL: f64 = -0.5;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrackSettings {
-    /// Farthest that an object's centre may be, seen from above, from where its track expects it, m. A golf cart at
-    /// 15 km/h, whose speed is not known yet, moves 0.4 m in a frame at 10 Hz; the rest is how a box's centre wanders
-    /// when other faces come into view.
+    /// Farthest that an object's centre may be, seen from above, from where its track expects it, m. A golf cart at 15 km/h, whose speed is not known yet,
+    /// moves 0.4 m in a frame at 10 Hz; the rest is how a box's centre wanders when other faces come into view.
     pub distance_max_m: f64,
     /// Frames that must have seen an object, among the last `window`, before it is published. The best so many say how likely it is.
     pub confirm_hits: u32,
@@ -122,9 +121,8 @@ impl Tracker {
         })
     }
 
-    /// Unknown objects that nothing has suppressed get number, age, speed and probability of their track, also those with a low score.
-    /// Of a confirmed track all are published; what else would be becomes [`Disposition::Unconfirmed`]. Known objects stay as they are, and
-    /// so do unknown ones beyond the most tracks.
+    /// Unknown objects that nothing has suppressed get number, age, speed and probability of their track, also those with a low score. Of a confirmed track all
+    /// are published; what else would be becomes [`Disposition::Unconfirmed`]. Known objects stay as they are, and so do unknown ones beyond the most tracks.
     ///
     /// The header has the sensor's pose, where known; without it nothing is known to move. Frames that are missing between two calls count
     /// as frames that did not see anything.
@@ -184,8 +182,7 @@ impl Tracker {
         });
     }
 
-    /// The free track nearest to where it should be now, or a new one, with what it is worth now; None when all tracks were seen in this
-    /// frame.
+    /// The free track nearest to where it should be now, or a new one, with what it is worth now; None when all tracks were seen in this frame.
     fn track_of(&mut self, sighting: Sighting) -> Option<&Track> {
         let free = self.tracks.iter().enumerate().filter(|(_, t)| !t.is_taken);
         let distances = free.map(|(index, track)| (index, track.distance_m(&sighting)));

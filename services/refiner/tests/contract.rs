@@ -199,9 +199,8 @@ fn when_the_time_is_up_the_worst_candidates_keep_their_proposals() {
     assert!(out.objects.iter().all(is_kept));
 }
 
-/// A wall, a plane, a blob and one spot of 131,072 points each; 512 candidates beside each other and all in one place.
-/// Clusters of the scan cost what its points cost; grown for each candidate, what is left beyond the limit keeps its
-/// proposal, the best scores first.
+/// A wall, a plane, a blob and one spot of 131,072 points each; 512 candidates beside each other and all in one place. Clusters of the scan cost what its
+/// points cost; grown for each candidate, what is left beyond the limit keeps its proposal, the best scores first.
 #[test]
 fn work_is_bounded_and_what_is_left_keeps_its_proposal() {
     for variant in [Variant::RangeScaled, Variant::PaperCorrected] {

@@ -13,8 +13,7 @@ pub enum RuntimeError {
         "{0} of instance '{1}' is already run by process {2}: stop it, or choose another name with --instance"
     )]
     AlreadyRunning(String, String, String),
-    /// The instance cannot be named so or joined; a topic cannot be opened, or a message of it cannot be lent, sent or taken;
-    /// the file system failed.
+    /// The instance cannot be named so or joined; a topic cannot be opened, or a message of it cannot be lent, sent or taken; the file system failed.
     #[error("{0}")]
     Failed(String),
 }

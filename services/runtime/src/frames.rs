@@ -19,8 +19,7 @@ pub struct Frames<T: Payload> {
 }
 
 impl<T: Payload> Frames<T> {
-    /// Of a topic. `scans` tell what ingest has sent, and may hold the points of a frame for it; none for the topic that ingest
-    /// itself sends.
+    /// Of a topic. `scans` tell what ingest has sent, and may hold the points of a frame for it; none for the topic that ingest itself sends.
     pub fn new(shell: &Shell, topic: &Topic, scans: Option<Scans>) -> Result<Frames<T>> {
         Ok(Frames {
             input: shell.input(topic)?,

@@ -1,8 +1,7 @@
 //! One pipeline on this machine: its name, and where its files lie.
 //!
-//! Everything of an instance is in `/dev/shm`: the folder [`Instance::root`], `/dev/shm/mluc-UID-NAME` (locks, iceoryx2's
-//! small files), and the segments whose names begin with [`Instance::prefix`], `mluc-UID-NAME.`. tmpfs, because iceoryx2
-//! finds a dead process through files there three times faster than on a disk.
+//! Everything of an instance is in `/dev/shm`: the folder [`Instance::root`], `/dev/shm/mluc-UID-NAME` (locks, iceoryx2's small files), and the segments whose
+//! names begin with [`Instance::prefix`], `mluc-UID-NAME.`. tmpfs, because iceoryx2 finds a dead process through files there three times faster than on a disk.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,4 @@
-//! The shared segments as this process maps them: touching their pages before the first frame does, and proving that a
-//! payload lies inside.
+//! The shared segments as this process maps them: touching their pages before the first frame does, and proving that a payload lies inside.
 //!
 //! The first write to a fresh page of shared memory costs the kernel a page: measured, the first 36 MB message takes 18
 //! times as long as later ones. iceoryx2 has no option for it.

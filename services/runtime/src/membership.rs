@@ -127,8 +127,7 @@ fn claim_path(instance: &Instance, role: &str) -> PathBuf {
     instance.root().join(format!("{role}.pid"))
 }
 
-/// Whether the root folder is a folder of this user that nobody else may enter; false: it is gone again. In `/dev/shm` another
-/// user may have made it first.
+/// Whether the root folder is a folder of this user that nobody else may enter; false: it is gone again. In `/dev/shm` another user may have made it first.
 fn is_ours_alone(instance: &Instance) -> Result<bool> {
     let root = instance.root();
     let about = match fs::symlink_metadata(root) {

@@ -255,8 +255,7 @@ impl Shell {
         StatusWatch::open(&self.node)
     }
 
-    /// Waits for the newest message, with heartbeats; `None`: this process was asked to end. Says what it waits for
-    /// after [`Topic::SILENCE_MAX`].
+    /// Waits for the newest message, with heartbeats; `None`: this process was asked to end. Says what it waits for after [`Topic::SILENCE_MAX`].
     pub fn next<T: Payload>(
         &mut self,
         input: &mut Input<T>,

@@ -14,8 +14,7 @@ use crate::error::Result;
 pub struct Shutdown(Arc<AtomicBool>);
 
 impl Shutdown {
-    /// Listens for SIGTERM and SIGINT. Any number of them asks once: what ends this way always cleans up (SIGQUIT and SIGKILL
-    /// end a process at once).
+    /// Listens for SIGTERM and SIGINT. Any number of them asks once: what ends this way always cleans up (SIGQUIT and SIGKILL end a process at once).
     pub fn on_signals() -> Result<Shutdown> {
         let shutdown = Shutdown::default();
         for signal in [SIGTERM, SIGINT] {

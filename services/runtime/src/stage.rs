@@ -52,8 +52,7 @@ pub trait Algorithm {
         input: StageInput<'_, Self::Input>,
     ) -> Result<usize, StageError>;
 
-    /// Work on the points of a frame whose input is still to come, for a stage that holds them: they may be any, and the frame
-    /// may never come.
+    /// Work on the points of a frame whose input is still to come, for a stage that holds them: they may be any, and the frame may never come.
     fn read_ahead(&mut self, _header: &FrameHeader, _points: &[Point]) {}
 
     /// Writes the result to shared memory.

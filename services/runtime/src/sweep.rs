@@ -23,8 +23,7 @@ fn entries(folder: &Path) -> impl Iterator<Item = fs::DirEntry> {
     fs::read_dir(folder).into_iter().flatten().flatten()
 }
 
-/// Removes all segments, and all of the root folder but the file named `keep`. Only for the one process that is alone.
-/// Returns how many things there were.
+/// Removes all segments, and all of the root folder but the file named `keep`. Only for the one process that is alone. Returns how many things there were.
 pub(crate) fn wipe(instance: &Instance, keep: &str) -> usize {
     let mut count = 0;
     for path in segments(instance) {

@@ -251,9 +251,8 @@ fn stamp_ns(line: &str) -> Option<u64> {
     u64::try_from(since.as_nanos()).ok()
 }
 
-/// Reads `poses.txt` in the folder of scans or above it: `x y z yaw` of the sensor in a frame that stands still (m, rad),
-/// a line a scan; empty lines and those that begin with `#` are left out. None where there is no such file. Errors:
-/// another number of lines than scans, a line that is not four finite numbers.
+/// Reads `poses.txt` in the folder of scans or above it: `x y z yaw` of the sensor in a frame that stands still (m, rad), a line a scan; empty lines and those
+/// that begin with `#` are left out. None where there is no such file. Errors: another number of lines than scans, a line that is not four finite numbers.
 fn poses(folder: &Path, scans: usize) -> anyhow::Result<Option<Vec<EgoPose>>> {
     let Some(path) = beside(folder, "poses.txt") else {
         return Ok(None);

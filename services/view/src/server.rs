@@ -1,7 +1,6 @@
 //! `mluc view`: a page, and a socket that speaks the Foxglove WebSocket protocol (foxglove/ws-protocol on GitHub), on loopback alone.
 //!
-//! A thread for each client and one place for the newest moment: a slow client misses moments. What a client sends wrong is
-//! refused and counted.
+//! A thread for each client and one place for the newest moment: a slow client misses moments. What a client sends wrong is refused and counted.
 
 use std::collections::BTreeMap;
 use std::io::{ErrorKind, Read, Write};

@@ -1,8 +1,7 @@
 //! The program `mluc-contract`: plays the stages around a program and judges whether it keeps the contract
 //! (`docs/CONTRACT.md`). A suite for each place: a source, a refiner (`mluc refiner-test` starts `mluc-contract refiner`), a consumer.
 //!
-//! Reports go to stdout, everything else to stderr. Exit codes: 0 all cases passed, 1 a case failed or the suite could
-//! not run, 2 usage.
+//! Reports go to stdout, everything else to stderr. Exit codes: 0 all cases passed, 1 a case failed or the suite could not run, 2 usage.
 
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 

@@ -1,9 +1,8 @@
 //! Fixed work, cut into parts, for a program that counts instructions: `.ci/callgrind` runs it under valgrind, `.ci/aarch64`
 //! under emulation, and both compare the counts with recorded ones. Prints the name of each part in order.
 //!
-//! One invented scan, a sixteenth of KITTI's range (valgrind is a hundred times slower), the network `compact` with weights
-//! by formula, one thread. The part before each [`instructions_mark`] is what it names; the first is the loading of the
-//! model.
+//! One invented scan, a sixteenth of KITTI's range (valgrind is a hundred times slower), the network `compact` with weights by formula, one thread. The part
+//! before each [`instructions_mark`] is what it names; the first is the loading of the model.
 
 mod scene;
 

@@ -1,5 +1,4 @@
-//! A scan made by arithmetic alone: ground in rings, a wall on each side, boxes on the ground, and a candidate at each.
-//! The same on every machine.
+//! A scan made by arithmetic alone: ground in rings, a wall on each side, boxes on the ground, and a candidate at each. The same on every machine.
 
 use mluc_ipc_types::{Detection, DetectionKind};
 

@@ -1,5 +1,4 @@
-//! Listing present rows with AVX-512: sixteen rows of indices are turned into sixteen taps, and each tap's present
-//! entries pressed together.
+//! Listing present rows with AVX-512: sixteen rows of indices are turned into sixteen taps, and each tap's present entries pressed together.
 
 use std::arch::x86_64::*;
 

@@ -1,7 +1,6 @@
 //! The pipeline's JSON lines: one frame a line, objects in the sensor frame.
 //!
-//! Only what is judged is looked at: `frame`, and of each of `objects` its kind, label, score and box. `suppressed`
-//! and everything else is passed over.
+//! Only what is judged is looked at: `frame`, and of each of `objects` its kind, label, score and box. `suppressed` and everything else is passed over.
 
 use crate::{EvaluateError, Result, SensorDetection};
 use mluc_ipc_types::WIRE_VERSION;

@@ -1,8 +1,7 @@
 //! From folders and files to frames.
 //!
-//! A source is a folder of labels with the detections that belong to it: a folder of detection files in KITTI's format of the same
-//! names, or one file of JSON lines with the folder of calibrations that brings its boxes into the camera frame.
-//! Several sources are pooled: the same name in two of them is two frames.
+//! A source is a folder of labels with the detections that belong to it: a folder of detection files in KITTI's format of the same names, or one file of JSON
+//! lines with the folder of calibrations that brings its boxes into the camera frame. Several sources are pooled: the same name in two of them is two frames.
 
 mod json_lines;
 

@@ -25,9 +25,8 @@ pub enum ModelGate {
 }
 
 impl ModelGate {
-    /// Which point of a sweep (the closed set first) the threshold is taken from: the best harmonic mean, as in the paper. Of an open
-    /// head it is the one that finds most unknown labels of those nearly as good: an operating profile limits false objects, so the
-    /// gate need not.
+    /// Which point of a sweep (the closed set first) the threshold is taken from: the best harmonic mean, as in the paper. Of an open head it is the one that
+    /// finds most unknown labels of those nearly as good: an operating profile limits false objects, so the gate need not.
     pub fn best_index(self, sweep: &[SweepPoint]) -> usize {
         const KNOWN_LOST_MAX: f64 = 0.15;
         const HARM_LOST_MAX: f64 = 0.5;

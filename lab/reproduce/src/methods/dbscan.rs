@@ -1,5 +1,4 @@
-//! DBSCAN (Ester et al., 1996) on points in space and, where they have one, by their embedding, on a grid of cells as long as its
-//! reach in space.
+//! DBSCAN (Ester et al., 1996) on points in space and, where they have one, by their embedding, on a grid of cells as long as its reach in space.
 
 use std::collections::BTreeMap;
 

@@ -1,8 +1,7 @@
 //! The rows of the paper's tables (section 4.4), and ours: what each makes of the boxes that its network kept.
 //!
-//! [`run_method`] gives the objects of every frame at every threshold of a method; figures are made of them elsewhere. A
-//! threshold is always one below which a box is held for unknown; the first of a sweep is 0, where nothing is: the closed
-//! set of that network.
+//! [`run_method`] gives the objects of every frame at every threshold of a method; figures are made of them elsewhere. A threshold is always one below which a
+//! box is held for unknown; the first of a sweep is 0, where nothing is: the closed set of that network.
 
 mod dbscan;
 mod full;

@@ -1,9 +1,7 @@
-//! The modified OSIS: points of no known box and not of the ground, clustered (Wong et al., CoRL 2019, as the paper uses it in
-//! section 4.4).
+//! The modified OSIS: points of no known box and not of the ground, clustered (Wong et al., CoRL 2019, as the paper uses it in section 4.4).
 //!
 //! A point is unknown only if every box that holds it is below the threshold; points in no box qualify too, hence trees and walls.
-//! `osis-geo` tells points apart by place alone; `osis` by a learned embedding too, which also takes out what it holds for
-//! background.
+//! `osis-geo` tells points apart by place alone; `osis` by a learned embedding too, which also takes out what it holds for background.
 
 use super::MethodInput;
 use super::dbscan::{Group, cluster};

@@ -10,13 +10,11 @@ use mluc_model::{Manifest, WeightSet, calibrated_layers};
 
 use crate::error::TrainError;
 
-/// Of a channel's least range over the largest value seen. Scans to come hold larger ones; what is cut from them costs far
-/// more than finer steps would gain.
+/// Of a channel's least range over the largest value seen. Scans to come hold larger ones; what is cut from them costs far more than finer steps would gain.
 const MARGIN: f32 = 1.25;
 
-/// `weights` with a range for each channel between the layers, measured on `scans` (x, y, z in m, intensity) in f32. Take scans
-/// like those to come. A channel that was 0 in every frame gets the largest range of its level: whatever it holds one day will
-/// fit. An error where nothing but 0 was seen at some level.
+/// `weights` with a range for each channel between the layers, measured on `scans` (x, y, z in m, intensity) in f32. Take scans like those to come. A channel
+/// that was 0 in every frame gets the largest range of its level: whatever it holds one day will fit. An error where nothing but 0 was seen at some level.
 pub fn measure_ranges<S: AsRef<[[f32; 4]]>>(
     manifest: &Manifest,
     weights: &WeightSet,

@@ -1,5 +1,4 @@
-//! What a picture from above shows: its boxes, its part of the world, its colours (a dark ground, a ramp for height, one colour
-//! a kind of box).
+//! What a picture from above shows: its boxes, its part of the world, its colours (a dark ground, a ramp for height, one colour a kind of box).
 
 use super::canvas::Color;
 use mluc_geometry::Box3;

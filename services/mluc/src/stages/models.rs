@@ -71,8 +71,7 @@ impl<T: Send + 'static> Models<T> {
     }
 }
 
-/// What was freed, but lies between what is in use, goes back to the system: glibc keeps it otherwise, and each change of the model
-/// would leave more of it.
+/// What was freed, but lies between what is in use, goes back to the system: glibc keeps it otherwise, and each change of the model would leave more of it.
 fn give_memory_back() {
     #[cfg(target_env = "gnu")]
     {

@@ -71,8 +71,7 @@ impl Budgets {
         }
     }
 
-    /// Stages that hold a frame, judged by the clock. `out`: frames that each stage has published. A late pipeline as a
-    /// whole is a state.
+    /// Stages that hold a frame, judged by the clock. `out`: frames that each stage has published. A late pipeline as a whole is a state.
     pub(super) fn judge(&mut self, now_ns: u64, out: [u64; 4]) {
         for budget in &mut self.0 {
             let number = budget.stage.map_or(0, |stage| stage as usize);

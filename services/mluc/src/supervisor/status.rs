@@ -255,8 +255,7 @@ impl StageCounts {
         }
     }
 
-    /// Held against what is known for sure: a process that was killed took its last counts along, and a frame that was sent
-    /// again is one frame.
+    /// Held against what is known for sure: a process that was killed took its last counts along, and a frame that was sent again is one frame.
     fn out(&self, frames_in: u64, frames_out: u64) -> [u64; 4] {
         let mut out = self.out;
         out[Stage::Ingest as usize] = frames_in;

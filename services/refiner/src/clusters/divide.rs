@@ -1,9 +1,8 @@
 //! From cells to clusters: what belongs together, and how what is too large is divided.
 //!
-//! A component is taken apart in this order: parts that stand upright by themselves at half the reach (people beside each
-//! other) become clusters; what is then larger than a road user is grown again with a shorter reach, up to a number of
-//! times; what is longer than any road user even so is cut across its length into equal pieces. Nothing is dropped but
-//! clusters with too few points.
+//! A component is taken apart in this order: parts that stand upright by themselves at half the reach (people beside each other) become clusters; what is then
+//! larger than a road user is grown again with a shorter reach, up to a number of times; what is longer than any road user even so is cut across its length
+//! into equal pieces. Nothing is dropped but clusters with too few points.
 
 use std::ops::Range;
 
@@ -184,8 +183,7 @@ impl Divider {
         }
     }
 
-    /// Parts that stand upright are done; what is left stays one piece. A small piece is taken apart when no part of it
-    /// does anything else.
+    /// Parts that stand upright are done; what is left stays one piece. A small piece is taken apart when no part of it does anything else.
     fn take_upright_parts(&mut self, cells: &mut Cells, piece: Piece, is_small: bool) -> Piece {
         let before = self.pending.len();
         self.split(cells, piece, UPRIGHT_SCALE);

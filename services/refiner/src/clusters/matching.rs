@@ -1,8 +1,7 @@
 //! Which cluster a proposal is about.
 //!
-//! Proposals are off by up to a metre and of a wrong class's size. The cluster nearest the proposal's centre is taken,
-//! first among those close by, unless it is sparse: a few returns from within a van lie nearer its centre than its body.
-//! Cells stand for their points, so that the cost does not depend on their number.
+//! Proposals are off by up to a metre and of a wrong class's size. The cluster nearest the proposal's centre is taken, first among those close by, unless it is
+//! sparse: a few returns from within a van lie nearer its centre than its body. Cells stand for their points, so that the cost does not depend on their number.
 
 use mluc_geometry::{Box3, Inside};
 

@@ -135,8 +135,7 @@ fn eigen_features(points: &ClusterPoints) -> [f32; 3] {
 fn sums(points: &ClusterPoints) -> ([i64; 3], [i64; 6]) {
     let mut sum = [0i64; 3];
     let mut products = [0i64; 6];
-    // By steps that registers of several numbers can do: adding 1.5 x 2^23 leaves a whole number, up to 4 km, in the low
-    // bits. Products have 64.
+    // By steps that registers of several numbers can do: adding 1.5 x 2^23 leaves a whole number, up to 4 km, in the low bits. Products have 64.
     let whole = |v: f32| {
         ((v * PER_M).trunc() + 12_582_912.0)
             .to_bits()

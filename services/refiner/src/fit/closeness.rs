@@ -93,8 +93,7 @@ impl Closeness {
     fn thin(&mut self, points: &ClusterPoints, points_max: usize) {
         let [cos, sin] = points.ahead;
         let keep_one_in = points.len().div_ceil(points_max) as u32;
-        // Whether a number of 16 bits is a multiple, without a division (Lemire, Kaser and Kurz, "Faster remainder by
-        // direct computation", 2019).
+        // Whether a number of 16 bits is a multiple, without a division (Lemire, Kaser and Kurz, "Faster remainder by direct computation", 2019).
         let share = (u32::MAX / keep_one_in.max(1)).wrapping_add(1);
         self.x_m.resize(points.len(), 0.0);
         self.y_m.resize(points.len(), 0.0);

@@ -1,8 +1,7 @@
 //! The outline of a cluster seen from above: convex, at most sixteen corners, around every point.
 //!
-//! The tight rectangle, cut by the supporting lines of twelve more directions. That is the convex hull up to its finest
-//! corners, and never smaller, in time linear in the points. Points on a line or on one spot get an outline a
-//! centimetre around them, so that it always is a polygon.
+//! The tight rectangle, cut by the supporting lines of twelve more directions. That is the convex hull up to its finest corners, and never smaller, in time
+//! linear in the points. Points on a line or on one spot get an outline a centimetre around them, so that it always is a polygon.
 
 use std::f64::consts::FRAC_PI_2;
 

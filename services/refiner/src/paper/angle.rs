@@ -1,8 +1,7 @@
 //! The angle of the joining rule (paper algorithm 1; Bogoslavskyi and Stachniss, 2016).
 //!
-//! Between the line from the farther point to the nearer one and the ray to the farther point: near 90 degrees on a
-//! face seen frontally, near 0 across a jump in depth. The paper writes it as the law of cosines, depth clustering as
-//! atan2(d2 sin a, d1 - d2 cos a); both are the same angle.
+//! Between the line from the farther point to the nearer one and the ray to the farther point: near 90 degrees on a face seen frontally, near 0 across a jump
+//! in depth. The paper writes it as the law of cosines, depth clustering as atan2(d2 sin a, d1 - d2 cos a); both are the same angle.
 
 /// Whether the angle between two points is above a threshold given as its cosine, without the arc cosine.
 pub(crate) fn is_above(s_m: [f32; 3], t_m: [f32; 3], threshold_cosine: f32) -> bool {

@@ -26,8 +26,7 @@ pub struct Neighbourhood {
     picked: Vec<IndexedPoint>,
 }
 
-/// Points that one candidate may look at; beyond it they are thinned evenly, counted and flagged: a car at 4 m has some
-/// 10,000.
+/// Points that one candidate may look at; beyond it they are thinned evenly, counted and flagged: a car at 4 m has some 10,000.
 const POINTS_MAX: usize = 16_384;
 
 impl Neighbourhood {
@@ -48,8 +47,7 @@ impl Neighbourhood {
         [self.origin_m[0] + x, self.origin_m[1] + y, z]
     }
 
-    /// Fills the columns with the points around a seed, at most so far away seen from above (m; r of the paper), and says
-    /// where the seed is among them.
+    /// Fills the columns with the points around a seed, at most so far away seen from above (m; r of the paper), and says where the seed is among them.
     pub(crate) fn gather(
         &mut self,
         frame: &FrameIndex,

@@ -50,8 +50,7 @@ impl Seek<'_> {
         best.map(|(_, point)| point)
     }
 
-    /// A random point inside the box, as the paper prints it: the same for the same frame and detection. A box without
-    /// a point is enlarged once.
+    /// A random point inside the box, as the paper prints it: the same for the same frame and detection. A box without a point is enlarged once.
     pub(crate) fn random_inside(
         &self,
         key: (u64, u64),

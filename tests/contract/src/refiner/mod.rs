@@ -1,5 +1,4 @@
-//! The suite of the refiner: plays ingest, backbone and head over the same shared memory as the real stages, and looks at
-//! what comes back.
+//! The suite of the refiner: plays ingest, backbone and head over the same shared memory as the real stages, and looks at what comes back.
 
 mod answer;
 mod cases;

@@ -15,8 +15,7 @@ use crate::suite::{Case, Suite};
 /// How often a wait looks around.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// How a program takes a frame that makes no sense: with objects, whose form was not looked at, or with `messages_refused` and the
-/// reason that it told.
+/// How a program takes a frame that makes no sense: with objects, whose form was not looked at, or with `messages_refused` and the reason that it told.
 pub(crate) type Reaction = Result<Box<Answer>, String>;
 
 pub(crate) struct Session {

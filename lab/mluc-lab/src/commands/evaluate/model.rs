@@ -17,10 +17,9 @@ use std::path::PathBuf;
 
 /// Run a model over labelled scans, in one process, and judge what comes out.
 ///
-/// Known classes are the model's, at the paper's overlaps for its setting (udi: car, pedestrian, cyclist 0.5, truck 0.7;
-/// kitti: car 0.7, pedestrian and cyclist 0.5); unknown objects at 0.1. All figures are of volumes (3d) at moderate.
-/// Printed: each class without the gate (closed set) and at the model's threshold; how well each score of a box tells
-/// unknown from known; AP by range and by the sensor's rings on the object. --sweep tries many thresholds of the gate.
+/// Known classes are the model's, at the paper's overlaps for its setting (udi: car, pedestrian, cyclist 0.5, truck 0.7; kitti: car 0.7, pedestrian and cyclist
+/// 0.5); unknown objects at 0.1. All figures are of volumes (3d) at moderate. Printed: each class without the gate (closed set) and at the model's threshold;
+/// how well each score of a box tells unknown from known; AP by range and by the sensor's rings on the object. --sweep tries many thresholds of the gate.
 #[derive(Args)]
 pub(super) struct ModelArguments {
     /// Model file.

@@ -329,8 +329,7 @@ impl DownstreamStages {
         }
     }
 
-    /// Those that are not ready. A refiner that tells no health (somebody else's program) counts as ready when it has
-    /// opened `objects` and kept silent.
+    /// Those that are not ready. A refiner that tells no health (somebody else's program) counts as ready when it has opened `objects` and kept silent.
     pub(crate) fn missing(&mut self, objects: &Input<Object>) -> Vec<&'static str> {
         let is_silent = self.watch.of(Stage::Refiner).is_none() && objects.producers() > 0;
         let now_ns = monotonic_ns();

@@ -1,10 +1,9 @@
 //! Algorithm 1 with the sign of depth clustering (Bogoslavskyi and Stachniss, 2016), on a range image.
 //!
-//! A neighbour joins when the angle is *above* 10 degrees: the surface goes on. Neighbours are the eight directions of a
-//! range image, with a few empty pixels passed over, because missing returns split dark cars. Row: the nearest of the
-//! model's beams; column: azimuth over the sensor's step; the nearest return wins its pixel, and returns just behind it
-//! go where it goes. Pixels of the ground stop a direction. Without a beam table, neighbours are found by a distance
-//! that grows with range.
+//! A neighbour joins when the angle is *above* 10 degrees: the surface goes on. Neighbours are the eight directions of a range image, with a few empty pixels
+//! passed over, because missing returns split dark cars. Row: the nearest of the model's beams; column: azimuth over the sensor's step; the nearest return wins
+//! its pixel, and returns just behind it go where it goes. Pixels of the ground stop a direction. Without a beam table, neighbours are found by a distance that
+//! grows with range.
 
 use mluc_model::Beams;
 
@@ -23,8 +22,7 @@ const GAP_PIXELS: isize = 2;
 const FALLBACK_M: f32 = 0.3;
 /// and so much more per m of range.
 const FALLBACK_PER_RANGE: f32 = 0.01;
-/// A return at most this far behind its pixel's nearest one belongs with it, m: two beams of the sensor can fall into
-/// one row of the model's table.
+/// A return at most this far behind its pixel's nearest one belongs with it, m: two beams of the sensor can fall into one row of the model's table.
 const SAME_PIXEL_M: f32 = 0.5;
 
 /// Depth clustering grown from a seed.

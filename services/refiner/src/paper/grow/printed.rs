@@ -20,8 +20,7 @@ pub struct Printed {
 }
 
 impl Grower for Printed {
-    /// `members` is the queue Q, read from its front, and ends as R. The printed set of points seen is what the buckets
-    /// no longer hold.
+    /// `members` is the queue Q, read from its front, and ends as R. The printed set of points seen is what the buckets no longer hold.
     fn grow(&mut self, growth: &Growth, members: &mut Vec<u32>) {
         let angle_max_cosine = ANGLE_MAX_DEG.to_radians().cos() as f32;
         let point = |i: usize| growth.around.in_sensor_m(i).map(|v| v as f32);
