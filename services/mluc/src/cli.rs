@@ -84,7 +84,7 @@ pub(crate) enum Command {
         #[arg(long, value_parser = loopback)]
         listen: SocketAddr,
     },
-    /// Have a running pipeline read its configuration file again: thresholds and operating profile.
+    /// Have a running pipeline read its configuration file again: thresholds, operating profile and model.
     Reload {
         /// Which pipeline.
         #[arg(long, default_value = "default")]
@@ -188,7 +188,7 @@ pub(crate) struct PipelineArgs {
     #[arg(long, value_parser = Variant::ALL.map(Variant::name), help_heading = OBJECTS)]
     #[serde(skip)]
     pub(crate) refiner_mode: Option<String>,
-    /// Follow unknown objects over frames: each gets a number, and is published once two of the last three frames saw it. Known objects are never delayed.
+    /// Follow unknown objects over frames: each gets a number and is published once its track is likely enough. Known objects are never delayed.
     #[arg(long, help_heading = OBJECTS)]
     #[serde(skip_serializing_if = "is_off")]
     pub(crate) track: bool,

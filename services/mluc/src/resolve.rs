@@ -87,7 +87,9 @@ impl Resolved {
         for (key, value) in table.iter().filter(|(_, value)| !value.is_table()) {
             let origin = self.origins.get(&below(path, key));
             let origin = origin.map_or("default", String::as_str);
-            *text += &format!("{:40} # {origin}\n", format!("{key} = {value}"));
+            // The model's own threshold is not to outlive the model in a file.
+            let mark = if origin == "model" { "# " } else { "" };
+            *text += &format!("{:40} # {origin}\n", format!("{mark}{key} = {value}"));
         }
         for key in document::known_keys(path) {
             if !table.contains_key(&key) && key != "bench" {
@@ -300,7 +302,7 @@ mod tests {
             (&text, "seconds = 9", "# flag"),
             (&text, "min_unknown_score = 0.25", "# flag"),
             (&plain, "profile = \"balanced\"", "# default"),
-            (&plain, "unknown_min = ", "# model"),
+            (&plain, "# unknown_min = ", "# model"),
             (&plain, "# seconds", "# not set"),
         ] {
             let line = text.lines().find(|line| line.starts_with(key));

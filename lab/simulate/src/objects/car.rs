@@ -54,7 +54,7 @@ const MINIBUS: Style = ([0.38, 0.26, -0.47, -0.495], [0.36, 0.5, 0.52, 0.5], 0.8
 /// A passenger car with KITTI's or UDI's sizes.
 pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
     // (weight, style, change of length, of height): the changes cancel in the mean of the first seven.
-    let upright = if family == Family::SimAny { 0.1 } else { 0.0 };
+    let upright = if family == Family::SimAny { 0.06 } else { 0.0 };
     let styles = [
         (0.26, SEDAN, 0.35, -0.05),
         (0.26, HATCH, -0.12, -0.03),
@@ -63,7 +63,7 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
         (0.15, MINI, -0.65, 0.0),
         (0.04, COUPE, 0.0, -0.16),
         (0.02, PICKUP, 0.6, 0.2),
-        (upright, UPRIGHT, 0.0, 0.2),
+        (upright, UPRIGHT, -0.1, 0.08),
     ];
     let (_, style, longer, higher) = styles[dice.weighted(&styles.map(|s| s.0))];
     let base = match family {

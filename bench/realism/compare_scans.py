@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What scans are made of, without labels: simulated ones beside recorded ones.
 
-    bench/realism/statistics.py NAME=FOLDER [NAME=FOLDER ..] [--ahead] [--scans 40]
+    bench/realism/compare_scans.py NAME=FOLDER [NAME=FOLDER ..] [--ahead] [--scans 40]
 
 FOLDER holds scans (x, y, z, intensity as little-endian f32) or `velodyne/`. Points from 3 to 40 m away count; with --ahead those with
 x > |y| alone, as a camera's view. Ground is what lies less than 0.25 m above the lowest point within 1.5 m. What stands on it is divided
