@@ -193,3 +193,20 @@ impl Part {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_of_street_furniture_is_built_as_large_as_its_row_says() {
+        for (kind, i) in street().iter().zip(0..) {
+            assert!(kind.per_100_m > 0.0, "{}", kind.name);
+            let (low, high) = kind.built(&mut Dice::new(&[6, i])).bounds();
+            let least = V3::from(kind.size_m.map(|[least, _]| least - 0.02));
+            let is_large = (high - low).cmpge(least).all();
+            assert!(is_large && low.z.abs() < 1e-4, "{}", kind.name);
+        }
+        assert!(TABLE.class.iter().all(|class| !class.split.is_empty()));
+    }
+}
