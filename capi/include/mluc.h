@@ -280,7 +280,7 @@ int32_t mluc_refiner_open(mluc_refiner **refiner);
  * the contract are refused and counted, and never come here. */
 int32_t mluc_refiner_wait(mluc_refiner *refiner, uint32_t timeout_ms, mluc_frame *frame);
 
-/* Publishes the objects of that frame, once: one for each detection, in their order, suppressed ones too. indices point
+/* Publishes the objects of that frame, once: one for each detection, in their order, suppressed ones too; others may follow. indices point
  * into the frame's points; flags (MLUC_DEGRADED, ...) are added to the header's. Health counts the
  * unknown ones by disposition. */
 int32_t mluc_refiner_publish(mluc_refiner *refiner, const mluc_object *objects, size_t objects_count,

@@ -13,7 +13,10 @@ fn elements<T: Pod>(bytes: &[u8]) -> Vec<T> {
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let (detections, points) = data.split_at(data.len() / 2);
     let points = elements(points);
-    let sensor = Sensor::plain(&["car", "van"]);
+    let sensor = Sensor {
+        tells_unknown: true,
+        ..Sensor::plain(&["car", "van"])
+    };
     let mut refiner = Refiner::new(Settings::default(), &sensor).expect("sound settings");
     let mut out = RefinerOutput::default();
     refiner.refine(1, &points, &elements(detections), &mut out);

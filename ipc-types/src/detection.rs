@@ -64,9 +64,9 @@ pub struct Detection {
     pub cell: u32,
     /// sigma(o) of the anchor, 0 to 1.
     pub objectness: f32,
-    /// objectness x probability of the class, 0 to 1.
+    /// objectness x probability of the class, 0 to 1; of an anchor without a class objectness x P(unknown).
     pub score: f32,
-    /// softmax(-d) over the known classes (eq. 2).
+    /// softmax(-d) over the known classes (eq. 2); zeros of an anchor without a class.
     pub probabilities: [f32; CLASSES_MAX],
     /// The cell's embedding f, one value a class; zeros behind.
     pub embedding: [f32; CLASSES_MAX],
@@ -131,6 +131,11 @@ impl Detection {
         let is_told = is_probability_or_none(self.unknown_probability);
         let (what, is_sound) = ("detection", are_finite && is_sized && is_told);
         require(is_sound, ContractError::NotFinite { what, index })
+    }
+
+    /// Whether it is of an anchor with a class.
+    pub fn has_class(&self) -> bool {
+        self.probabilities.iter().any(|p| *p > 0.0)
     }
 
     /// Whether the gate made it a candidate unknown.

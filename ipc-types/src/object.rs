@@ -28,7 +28,7 @@ pub enum Disposition {
     Published = 0,
     /// A known object covers it; `suppressed_by` says which.
     OverlapsKnown = 1,
-    /// Merged into a better unknown that covers it; `suppressed_by` says which.
+    /// Merged into a better unknown that covers it, or the known reading of such a box; `suppressed_by` says which.
     OverlapsUnknown = 2,
     /// Too few points to be a thing.
     TooFewPoints = 3,

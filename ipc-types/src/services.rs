@@ -78,10 +78,8 @@ impl Topic {
         elements_max: OBJECT_POINTS_MAX,
         element_bytes: 4,
         subscribers_max: 3,
-        buffer: 1,
         borrowed: 2,
-        loans: 1,
-        history: 0,
+        ..Topic::FEATURES
     };
     /// Heartbeats: each stage to the supervisor, as a service of its own (`health/backbone`).
     pub const HEALTH: Topic = Topic {
@@ -96,10 +94,8 @@ impl Topic {
         elements_max: 1,
         element_bytes: size_of::<crate::RunDescription>(),
         subscribers_max: 16,
-        buffer: 1,
-        borrowed: 1,
-        loans: 1,
         history: 1,
+        ..Topic::FEATURES
     };
     /// What the pipeline is worth at this moment ([`crate::Status`]): supervisor to everybody, latched too.
     pub const STATUS: Topic = Topic {

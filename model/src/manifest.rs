@@ -58,6 +58,9 @@ pub struct ScoreMin {
     pub known: f32,
     /// Of unknown objects, on the scale of the refiner that the model was judged with.
     pub unknown: f32,
+    /// A box that may be known or unknown is published as both: all that the model says.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub both_readings: bool,
 }
 
 /// The scores of each operating profile but `all`, which publishes everything.

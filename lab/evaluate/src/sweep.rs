@@ -83,14 +83,10 @@ pub(crate) fn sweep(
 /// the first of equal ones; 0 without points.
 pub fn best_index(points: &[SweepPoint]) -> usize {
     let closed = points.first().map_or(0.0, |closed| closed.map_known);
-    best_index_from(points, KNOWN_KEPT_MIN * closed)
-}
-
-/// The same among the points whose mean AP of the known is at least `least`.
-pub(crate) fn best_index_from(points: &[SweepPoint], least: f64) -> usize {
     let mut best = 0;
     for (i, point) in points.iter().enumerate() {
-        if point.map_known >= least && point.map_harm() > points[best].map_harm() {
+        if point.map_known >= KNOWN_KEPT_MIN * closed && point.map_harm() > points[best].map_harm()
+        {
             best = i;
         }
     }

@@ -35,7 +35,6 @@ fn synthetic_unknown(set: &FrameSet, dataset: &Dataset, classes: &[String]) -> V
         DetectedFrame {
             truth: set.truth(index).expect("labels"),
             detections: kept.collect(),
-            generic: 0,
         }
     };
     (0..set.names().len()).map(frame).collect()
@@ -47,6 +46,7 @@ fn detection(shape: &Box3, class: usize, score: f32, e: f32) -> Detection {
         size_m: shape.size_m.map(|v| v as f32),
         yaw_rad: shape.yaw_rad as f32,
         class_id: class as u32,
+        probabilities: [0.25; 8],
         objectness: score,
         score,
         eds: 48.0 * e,
@@ -225,6 +225,7 @@ fn scores_of_profiles_keep_false_objects_below_their_limits() {
         let expected = ScoreMin {
             known: 0.25f32.next_up(),
             unknown: 0.0,
+            both_readings: false,
         };
         assert_eq!(least, expected);
     }

@@ -3,8 +3,27 @@
 //!
 //! Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
 
-/// Factors of l, w, h, log-uniform: a guess that spans small carts and lorries.
-pub const FACTORS: [[f64; 2]; 3] = [[0.45, 2.4], [0.65, 1.6], [0.7, 2.0]];
+/// How a known object is scaled.
+pub struct Scaling {
+    /// Factors of l, w, h, log-uniform.
+    pub factors: [[f64; 2]; 3],
+    /// Least l, w, h of what comes of it, m.
+    pub least_m: [f64; 3],
+}
+
+/// A guess that spans small carts and lorries.
+pub const ON_ROADS: Scaling = Scaling {
+    factors: [[0.45, 2.4], [0.65, 1.6], [0.7, 2.0]],
+    least_m: [0.4, 0.4, 0.8],
+};
+/// For any sensor: also what is low, as fallen people and dogs are.
+pub(crate) const ANYWHERE: Scaling = Scaling {
+    factors: [[0.35, 2.4], [0.5, 1.7], [0.3, 2.0]],
+    least_m: [0.3, 0.3, 0.3],
+};
+/// Chance there that the three factors are alike, as of a bus; that the object lies.
+pub(crate) const ALIKE_CHANCE: f32 = 0.35;
+pub(crate) const LIES_CHANCE: f32 = 0.15;
 /// Chance of a join, of a scaled object otherwise.
 pub const JOIN_CHANCE: f64 = 0.35;
 /// Chance of a cut.
@@ -14,15 +33,14 @@ pub const CUT_SHARE: [f64; 2] = [0.2, 0.45];
 /// and starts above this one.
 pub const CUT_LOW: f64 = 0.25;
 
-/// Smallest and largest l, w, h of anything on a road, m.
-const SIZES_M: [[f64; 2]; 3] = [[0.4, 14.0], [0.4, 3.2], [0.8, 4.2]];
+/// Largest l, w, h of anything on a road, m.
+const MOST_M: [f64; 3] = [14.0, 3.2, 4.2];
 /// All three sizes within this factor of a class' mean: still an object of that class.
 const ALIKE_FACTOR: f64 = 1.25;
 
 /// Whether l, w, h are those of something on a road.
-pub fn has_road_size(size_m: [f64; 3]) -> bool {
-    let mut sizes = size_m.iter().zip(SIZES_M);
-    sizes.all(|(s, [low, high])| (low..=high).contains(s))
+pub fn has_road_size(size_m: [f64; 3], scaling: &Scaling) -> bool {
+    (0..3).all(|i| (scaling.least_m[i]..=MOST_M[i]).contains(&size_m[i]))
 }
 
 /// Whether l, w, h are alike those of a known class; `classes_m`: their means.

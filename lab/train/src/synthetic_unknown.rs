@@ -6,7 +6,7 @@
 
 use mluc_geometry::{Box3, Random};
 use mluc_simulate::synthetic_unknown::{
-    CUT_CHANCE, CUT_LOW, CUT_SHARE, FACTORS, JOIN_CHANCE, has_known_size, has_road_size,
+    CUT_CHANCE, CUT_LOW, CUT_SHARE, JOIN_CHANCE, ON_ROADS, has_known_size, has_road_size,
 };
 
 use crate::database::{Database, Sample};
@@ -116,7 +116,9 @@ fn draw<'a>(database: &'a Database, random: &mut Random) -> Option<&'a Sample> {
 fn attempt(database: &Database, classes_m: &[[f64; 3]], random: &mut Random) -> Option<Sample> {
     let sample = draw(database, random)?;
     let mut local = Local::of(sample);
-    let mut factors = FACTORS.map(|[low, high]| random.uniform(low.ln(), high.ln()).exp());
+    let mut factors = ON_ROADS
+        .factors
+        .map(|[low, high]| random.uniform(low.ln(), high.ln()).exp());
     if random.uniform(0.0, 1.0) < JOIN_CHANCE {
         let partner =
             (0..DRAWS).find_map(|_| draw(database, random).filter(|p| alike_views(sample, p)))?;
@@ -130,7 +132,7 @@ fn attempt(database: &Database, classes_m: &[[f64; 3]], random: &mut Random) -> 
         local.cut(random);
     }
     let size_m = local.size_m;
-    let fits = has_road_size(size_m) && !has_known_size(size_m, classes_m);
+    let fits = has_road_size(size_m, &ON_ROADS) && !has_known_size(size_m, classes_m);
     if !fits || local.points.len() < POINTS_MIN {
         return None;
     }

@@ -81,16 +81,17 @@ impl Head {
         let non_finite = self.decode_boxes(cells);
         self.suppress();
         let boxes_max_reached = self.frame.kept.len() as u32 == self.thresholds.boxes_max;
-        self.drop_doubted_generic();
         let kept = &self.frame.kept;
-        detections.extend(kept.iter().map(|index| self.describe(*index, cells)));
-        let has_class = |index: &&usize| self.frame.candidates[**index].class() < self.classes;
-        let generic = kept.len() - kept.iter().filter(has_class).count();
+        let described = kept.iter().map(|index| self.describe(*index, cells));
+        // Boxes without a class have no class to be known by. They have had their say in the suppression, so that the threshold chooses among the same boxes.
+        let unknown_min = self.thresholds.unknown_min;
+        let counts =
+            |d: &Detection| d.has_class() || is_unknown(d.unknown_probability, unknown_min);
+        detections.extend(described.filter(counts));
         Ok(HeadCounts {
             candidates,
             over_candidates_max,
             non_finite,
-            generic: generic as u32,
             boxes_max_reached,
         })
     }
@@ -240,25 +241,13 @@ impl Head {
         kept.extend_from_slice(generic);
     }
 
-    /// Takes out kept boxes without a class that the gate does not hold for unknown: they have no class to be known by. They
-    /// have had their say in the suppression, so that the threshold chooses among the same boxes whatever it is.
-    fn drop_doubted_generic(&mut self) {
-        let (frame, unknown_min) = (&mut self.frame, self.thresholds.unknown_min);
-        frame.kept.retain(|&index| {
-            let candidate = &frame.candidates[index];
-            let logit = frame.unknown.get(candidate.place as usize);
-            let is_unknown = |logit: &f32| is_unknown(sigmoid(*logit), unknown_min);
-            candidate.class() < self.classes || logit.is_some_and(is_unknown)
-        });
-    }
-
     fn describe(&self, index: usize, cells: &[u32]) -> Detection {
         let (candidate, found) = (&self.frame.candidates[index], &self.frame.boxes[index]);
         let f = self.embedding(candidate);
         let logit = self.frame.unknown.get(candidate.place as usize);
         let logit = logit.filter(|_| self.kind == HeadKind::Open);
         let unknown = logit.map(|logit| sigmoid(*logit));
-        let scores = self.scores(f);
+        let mut scores = self.scores(f);
         let has_class = candidate.class() < self.classes;
         let class = match self.kind {
             HeadKind::Sigmoid => largest(f),
@@ -277,6 +266,9 @@ impl Head {
             _ if has_class => scores.probabilities[class],
             _ => unknown.unwrap_or(0.0),
         };
+        if !has_class {
+            scores.probabilities.fill(0.0);
+        }
         Detection {
             center_m: found.center_m.map(|value| value as f32),
             size_m: found.size_m.map(|value| value as f32),

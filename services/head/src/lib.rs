@@ -55,8 +55,6 @@ pub struct HeadCounts {
     pub over_candidates_max: u32,
     /// Of them left out because their box or embedding is no number.
     pub non_finite: u32,
-    /// Boxes of anchors without a class: the last ones of the list.
-    pub generic: u32,
     /// `boxes_max` was reached: weaker boxes may have been left out.
     pub boxes_max_reached: bool,
 }

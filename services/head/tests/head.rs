@@ -143,7 +143,6 @@ fn damaged_rows_are_counted_and_limits_are_said() -> Fallible {
         candidates: 6,
         over_candidates_max: 1,
         non_finite: 2,
-        generic: 0,
         boxes_max_reached: true,
     };
     assert_eq!(counts, expected);
@@ -209,8 +208,8 @@ fn a_sigmoid_head_takes_the_best_class_of_an_anchor() -> Fallible {
     row[18..25].copy_from_slice(&code.map(|value| value as f32));
     // The anchor is a car's; its pedestrian logit is higher.
     row[..3].copy_from_slice(&[1.0, 2.0, -1.0]);
-    let (detections, counts) = detect(&mut head, &[136], &row)?;
-    assert_eq!((detections.len(), counts.generic), (1, 0));
+    let (detections, _) = detect(&mut head, &[136], &row)?;
+    assert_eq!(detections.len(), 1);
     let d = &detections[0];
     let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
     assert_eq!((d.class_id, d.is_candidate()), (1, false));
@@ -242,8 +241,9 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
         row[103] = logit;
         detect(&mut head, &[cell as u32], &row)
     };
-    let (detections, counts) = with_unknown(1.5)?;
-    assert_eq!((detections.len(), counts.generic), (2, 1));
+    let (detections, _) = with_unknown(1.5)?;
+    let have_class: Vec<bool> = detections.iter().map(Detection::has_class).collect();
+    assert_eq!(have_class, [true, false]);
     assert!(detections[0].objectness < detections[1].objectness);
     for d in detections {
         assert!(d.is_candidate() && d.class_id < 3);
@@ -251,15 +251,18 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     }
     // Too little doubt for the threshold, then a known object: the box without a class goes, the other is known.
     for logit in [0.3, -1.5] {
-        let (detections, counts) = with_unknown(logit)?;
-        assert_eq!((detections.len(), counts.generic), (1, 0));
-        assert!(!detections[0].is_candidate());
+        let (detections, _) = with_unknown(logit)?;
+        assert_eq!(detections.len(), 1);
+        assert!(detections[0].has_class() && !detections[0].is_candidate());
     }
     manifest.thresholds.boxes_max = 1;
     let mut head = Head::new(&manifest, &copying(&manifest))?;
     row[103] = 1.5;
     let (detections, counts) = detect(&mut head, &[cell as u32], &row)?;
     assert_eq!((detections.len(), counts.boxes_max_reached), (1, true));
-    assert_eq!(counts.generic, 0, "the box with a class comes first");
+    assert!(
+        detections[0].has_class(),
+        "the box with a class comes first"
+    );
     Ok(())
 }

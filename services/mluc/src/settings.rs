@@ -63,7 +63,10 @@ impl Profile {
         match self {
             Profile::Quiet => profiles.map(|profiles| profiles.quiet),
             Profile::Balanced => profiles.map(|profiles| profiles.balanced),
-            Profile::All => Some(ScoreMin::default()),
+            Profile::All => Some(ScoreMin {
+                both_readings: true,
+                ..ScoreMin::default()
+            }),
         }
     }
 }
@@ -275,11 +278,15 @@ impl Settings {
         // Through its text: the nearest f64 of an f32 has digits that nobody wrote.
         threshold.get_or_insert(default.to_string().parse().unwrap_or(f64::from(default)));
         let scores = self.profile.score_min(model, self.refiner.variant);
-        let ScoreMin { known, unknown } = scores.unwrap_or_default();
-        self.refiner.score_min = ScoreMin {
-            known: self.min_score.map_or(known, |score| score as f32),
-            unknown: self.min_unknown_score.map_or(unknown, |score| score as f32),
-        };
+        let mut score_min = scores.unwrap_or_default();
+        let own = [
+            (&mut score_min.known, self.min_score),
+            (&mut score_min.unknown, self.min_unknown_score),
+        ];
+        for (least, given) in own {
+            *least = given.map_or(*least, |score| score as f32);
+        }
+        self.refiner.score_min = score_min;
         scores.is_some() || self.min_score.and(self.min_unknown_score).is_some()
     }
 

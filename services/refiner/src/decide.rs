@@ -9,6 +9,8 @@
 //!    unknown ones suppress what they cover ([`crate::merge`]).
 //! 5. **Profile**: what is left, known or unknown, is `low_score` below the scores of the operating profile. Everything else
 //!    is published.
+//! 6. **Reading**: with P(unknown) a candidate that has a class is read twice, and one reading is published
+//!    ([`crate::RefinerOutput::choose_readings`]).
 
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, Disposition, Object, ObjectKind};
@@ -75,6 +77,11 @@ impl UnknownScorer {
             0.0
         };
         if score.is_finite() { score } else { 0.0 }
+    }
+
+    /// Whether a candidate may be known after all: P(unknown) says so, the paper's gate does not.
+    pub(crate) fn reads_twice(&self) -> bool {
+        self.is_ours && self.tells_unknown
     }
 
     /// Score and flags of an unknown object from its box and its cluster's measurements.

@@ -10,7 +10,6 @@
 //!
 //! Lengths in m, angles in rad, sensor frame: x forward, y left, z up.
 
-mod ascending;
 pub mod cluster_scorer;
 mod clusterer;
 pub mod clusters;

@@ -101,8 +101,7 @@ fn clash_with_known(proposals: &mut [Proposal], points: &[u32], scan: &[Point]) 
         }
         let unknown = &proposals[index];
         let own = &points[unknown.points.0..unknown.points.1];
-        let known = proposals.iter().filter(|known| known.is_known());
-        let known = known.filter(|known| known.score >= KNOWN_SCORE_MIN);
+        let known = proposals.iter().filter(|known| known.is_sure());
         let clashes =
             known.filter_map(|known| Some((known.detection, clash(unknown, known, own, scan)?)));
         let worst = clashes.reduce(|a, b| if b.1 > a.1 { b } else { a });

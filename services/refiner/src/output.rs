@@ -1,7 +1,7 @@
 //! What a frame gives.
 
 use crate::clusters::Measures;
-use mluc_ipc_types::{Flags, OBJECT_POINTS_MAX, OBJECTS_MAX, Object};
+use mluc_ipc_types::{Disposition, Flags, OBJECT_POINTS_MAX, OBJECTS_MAX, Object};
 
 /// Counts of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -40,8 +40,10 @@ impl Counters {
 /// The objects of one frame; buffers are reused from frame to frame.
 #[derive(Debug)]
 pub struct RefinerOutput {
-    /// One for each detection, in their order.
+    /// One for each detection, in their order, then the second readings.
     pub objects: Vec<Object>,
+    /// Of each second reading, in their order, the index of its first; empty where both are published.
+    pub second_of: Vec<usize>,
     /// Of the cluster of each object, where it has one that was measured.
     pub measures: Vec<Option<Measures>>,
     /// Indices into the scan; each object has a range of them.
@@ -54,6 +56,7 @@ impl Default for RefinerOutput {
     fn default() -> RefinerOutput {
         RefinerOutput {
             objects: Vec::with_capacity(OBJECTS_MAX),
+            second_of: Vec::with_capacity(OBJECTS_MAX),
             measures: Vec::with_capacity(OBJECTS_MAX),
             object_points: Vec::with_capacity(OBJECT_POINTS_MAX),
             counters: Counters::default(),
@@ -62,6 +65,34 @@ impl Default for RefinerOutput {
 }
 
 impl RefinerOutput {
+    /// Leaves one of the two readings of a box: the known one where the unknown object has a low score, no cluster or a track that does not confirm it, or one like
+    /// that covers it. For the end, when tracks are known.
+    pub fn choose_readings(&mut self) {
+        use Disposition::{LowScore, OverlapsUnknown, TooFewPoints, Unconfirmed};
+        let seconds = self.objects.len() - self.second_of.len()..;
+        for (index, &first) in seconds.zip(&self.second_of) {
+            let own = self.objects[first];
+            let is_covered = own.disposition == OverlapsUnknown as u32;
+            let by = if is_covered {
+                own.suppressed_by
+            } else {
+                first as u32
+            };
+            let best = self.objects[by as usize];
+            let second = &mut self.objects[index];
+            let weak = [LowScore, TooFewPoints, Unconfirmed].map(|reason| reason as u32);
+            if !second.is_published() || weak.contains(&best.disposition) {
+                continue;
+            }
+            let overlap = if is_covered { own.overlap } else { 1.0 };
+            (second.disposition, second.suppressed_by, second.overlap) = if best.is_published() {
+                (OverlapsUnknown as u32, by, overlap)
+            } else {
+                (best.disposition, best.suppressed_by, best.overlap)
+            };
+        }
+    }
+
     /// Indices of an object's points into the scan.
     pub fn points_of(&self, object: &Object) -> &[u32] {
         let first = object.points_first as usize;

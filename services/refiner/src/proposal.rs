@@ -1,10 +1,11 @@
-//! What the head proposes, and what becomes of it: one for each detection, in the detections' order.
+//! What the head proposes, and what becomes of it: one for each detection, in the detections' order, then the second readings.
 
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, Disposition, GateKind, NO_PROBABILITY, Object, ObjectKind};
 
 use crate::clusters::Measures;
 use crate::fit::Footprint;
+use crate::merge::KNOWN_SCORE_MIN;
 
 /// What is known of one object before it is written out.
 #[derive(Clone, Copy, Debug)]
@@ -25,6 +26,8 @@ pub(crate) struct Proposal {
     pub(crate) footprint: Footprint,
     /// Of its cluster, where the variant takes any.
     pub(crate) measures: Option<Measures>,
+    /// Whether it is what a candidate is if it is known after all: its second reading.
+    pub(crate) is_doubted: bool,
 }
 
 /// What is this near to a proposal's centre comes first, m.
@@ -76,6 +79,17 @@ impl Proposal {
             points: (0, 0),
             footprint: Footprint::of_box(&shape),
             measures: None,
+            is_doubted: false,
+        }
+    }
+
+    /// The second reading of a candidate: the box of its class.
+    pub(crate) fn doubted(&self, detection: &Detection) -> Proposal {
+        Proposal {
+            kind: ObjectKind::Known,
+            score: detection.score,
+            is_doubted: true,
+            ..*self
         }
     }
 
@@ -99,6 +113,11 @@ impl Proposal {
     /// Known, with a box that makes sense.
     pub(crate) fn is_known(&self) -> bool {
         self.kind == ObjectKind::Known && self.disposition == Disposition::Published
+    }
+
+    /// Known for sure: what lies in it is its own.
+    pub(crate) fn is_sure(&self) -> bool {
+        self.is_known() && !self.is_doubted && self.score >= KNOWN_SCORE_MIN
     }
 
     /// Unknown, and nothing has suppressed it yet.

@@ -2,15 +2,15 @@
 
 use mluc_geometry::{Box3, Inside};
 use mluc_ipc_types::{
-    DETECTIONS_MAX, Detection, Disposition, OBJECT_POINTS_MAX, Object, ObjectKind, POINTS_MAX,
-    Point,
+    DETECTIONS_MAX, Detection, Disposition, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, ObjectKind,
+    POINTS_MAX, Point,
 };
 use mluc_model::{Model, Probabilities, ScoreMin};
 
 use crate::clusterer::{Clusterer, FrameTask, NoClusterer, ScanClusterer};
 use crate::decide::{UnknownScorer, leave_out_low_scores};
 use crate::frame::FrameIndex;
-use crate::merge::{KNOWN_MARGIN_M, KNOWN_SCORE_MIN, best_first, merge};
+use crate::merge::{KNOWN_MARGIN_M, best_first, merge};
 use crate::output::{Counters, RefinerOutput};
 use crate::paper::PaperClusterer;
 use crate::proposal::{Proposal, valid_box};
@@ -95,7 +95,8 @@ impl Refiner {
         self.settings.score_min = score_min;
     }
 
-    /// One frame: an object for each detection, in their order, with its disposition.
+    /// One frame: an object for each detection, in their order, with its disposition, then the second readings of candidates: the
+    /// same boxes as objects of their classes, where the model tells P(unknown) and [`OBJECTS_MAX`] leaves room.
     ///
     /// `sequence` keys the random choices of the variant `paper`. Points that are not finite or far outside are left out
     /// and counted. The result depends on the arguments and settings alone.
@@ -108,6 +109,7 @@ impl Refiner {
     ) {
         self.read_scan(points);
         self.refine_within(sequence, points, detections, &mut || false, out);
+        out.choose_readings();
     }
 
     /// Sorts a scan and finds its ground: what can be done before there are detections.
@@ -191,6 +193,15 @@ impl Refiner {
             };
             self.proposals.push(proposal);
         }
+        if self.scorer.reads_twice() {
+            for (index, detection) in detections.iter().enumerate().take(self.proposals.len()) {
+                let first = &self.proposals[index];
+                let is_doubted = first.is_standing() && detection.has_class();
+                if is_doubted && self.proposals.len() < OBJECTS_MAX {
+                    self.proposals.push(first.doubted(detection));
+                }
+            }
+        }
         self.counters = counters;
     }
 
@@ -204,7 +215,7 @@ impl Refiner {
         let keeps_apart = self.settings.is_ours();
         for known in self.proposals.iter_mut().filter(|p| p.is_known()) {
             let first = taken.len();
-            let is_owner = keeps_apart && known.score >= KNOWN_SCORE_MIN;
+            let is_owner = keeps_apart && known.is_sure();
             let own = Inside::of(&known.shape, 0.0);
             let around = Inside::of(&known.shape, KNOWN_MARGIN_M);
             let [x, y, _] = known.shape.center_m;
@@ -232,9 +243,15 @@ impl Refiner {
         out.objects.clear();
         out.object_points.clear();
         out.measures.clear();
+        out.second_of.clear();
+        if !self.settings.score_min.both_readings {
+            let seconds = self.proposals.iter().filter(|p| p.is_doubted);
+            out.second_of.extend(seconds.map(|p| p.detection));
+        }
         (out.measures).extend(self.proposals.iter().map(|p| p.measures));
         out.counters = self.counters;
-        for (proposal, detection) in self.proposals.iter().zip(detections) {
+        for proposal in &self.proposals {
+            let detection = &detections[proposal.detection];
             let mut object = proposal.object(detection, self.classes.max(1));
             let [x_m, y_m, _] = object.center_m;
             let is_known = proposal.kind == ObjectKind::Known;
@@ -247,7 +264,8 @@ impl Refiner {
         }
         for published in [true, false] {
             for (proposal, object) in self.proposals.iter().zip(&mut out.objects) {
-                if (proposal.disposition == Disposition::Published) != published {
+                let counts = proposal.disposition == Disposition::Published && !proposal.is_doubted;
+                if counts != published {
                     continue;
                 }
                 let own = &self.points[proposal.points.0..proposal.points.1];

@@ -194,17 +194,60 @@ fn what_is_below_the_profiles_scores_is_not_published() {
         let car = standing(x_m, 0.0, [4.0, 1.7, 1.5], 0.0);
         detections.push(known(&car, 0, score));
     }
-    let settings = Settings {
-        score_min: ScoreMin {
-            known: 0.5,
-            unknown: 0.3,
-        },
-        ..Settings::default()
+    let mut refiner = Refiner::new(Settings::default(), &open()).expect("settings");
+    let least = ScoreMin {
+        known: 0.5,
+        unknown: 0.3,
+        both_readings: false,
     };
-    let refiner = Refiner::new(settings, &open()).expect("settings");
+    refiner.set_score_min(least);
     let out = refined(refiner, &detections);
     let low = out.objects.iter().map(|o| is(o, Disposition::LowScore));
     assert!(low.eq([false, true, true, true, true, true, false]));
     let published = out.objects.iter().filter(|o| o.is_published());
     assert_eq!(published.count(), 2);
+}
+
+#[test]
+fn a_doubted_box_is_published_once_or_as_all_that_it_may_be() {
+    // Carts with a class, sure enough to be unknown or not, and one whose points are a car's; a pole of an anchor without a class.
+    let mut detections = candidates().to_vec();
+    let told = [(0.9, 0.9), (0.3, 0.6), (0.9, 0.6), (0.9, 0.4)];
+    for (detection, (p, score)) in detections.iter_mut().zip(told) {
+        (detection.unknown_probability, detection.score) = (p, score);
+        detection.probabilities[0] = score;
+    }
+    detections[2].probabilities[0] = 0.0;
+    detections.truncate(4);
+    let with = |score_min| {
+        let mut refiner = Refiner::new(Settings::default(), &open()).expect("settings");
+        refiner.set_score_min(score_min);
+        refined(refiner, &detections)
+    };
+    let (known, unknown) = (0.5, 0.3);
+    let all = with(ScoreMin {
+        both_readings: true,
+        ..ScoreMin::default()
+    });
+    assert!(all.objects.len() == 7 && all.objects.iter().all(Object::is_published));
+    let mut out = with(ScoreMin {
+        known,
+        unknown,
+        both_readings: false,
+    });
+    let seconds = |out: &RefinerOutput| out.objects[4..].to_vec();
+    let [cart, low_cart, hut] = seconds(&out).try_into().expect("three");
+    assert!(is(&cart, Disposition::OverlapsUnknown) && cart.suppressed_by == 0);
+    assert!(low_cart.is_published() && low_cart.size_m == detections[1].size_m);
+    assert!(is(&hut, Disposition::LowScore));
+    // What a track does not confirm is known again; what something known covers is neither.
+    for (reason, expected) in [
+        (Disposition::Unconfirmed, Disposition::Published),
+        (Disposition::OverlapsKnown, Disposition::OverlapsKnown),
+    ] {
+        out.objects[0].disposition = reason as u32;
+        out.objects[4].disposition = Disposition::Published as u32;
+        out.choose_readings();
+        assert!(is(&out.objects[4], expected), "{reason:?}");
+    }
 }

@@ -23,23 +23,18 @@ pub struct DetectedFrame {
     pub truth: FrameTruth,
     /// Kept boxes, the best objectness first.
     pub detections: Vec<Detection>,
-    /// How many of them are of anchors without a class: the last ones.
-    pub generic: usize,
 }
 
 impl DetectedFrame {
     /// What goes to the refiner at a threshold of the gate, in its order.
     pub fn gated(&self, gate: ModelGate, threshold: f32) -> Vec<Detection> {
-        let first_generic = self.detections.len() - self.generic;
-        let boxes = self.detections.iter().enumerate();
-        let gated = boxes.filter_map(|(i, d)| gate.apply(d, i >= first_generic, threshold));
-        gated.collect()
+        let boxes = self.detections.iter();
+        boxes.filter_map(|d| gate.apply(d, threshold)).collect()
     }
 
     /// Leaves out the boxes of anchors that have no class.
     pub fn drop_generic(&mut self) {
-        let with_class = self.detections.len() - std::mem::take(&mut self.generic);
-        self.detections.truncate(with_class);
+        self.detections.retain(Detection::has_class);
     }
 }
 

@@ -4,7 +4,7 @@
 //! one on a score that is low for the unknown, and 0 is the closed set.
 
 use super::DetectedFrame;
-use crate::sweep::{best_index_from, quantile_grid};
+use crate::sweep::quantile_grid;
 use crate::{SweepPoint, best_index};
 use mluc_head::{Detection, gate};
 use mluc_ipc_types::{DetectionKind, GateKind};
@@ -25,36 +25,12 @@ pub enum ModelGate {
 }
 
 impl ModelGate {
-    /// Which point of a sweep (the closed set first) the threshold is taken from: the best harmonic mean, as in the paper. Of an open head it is the one that
-    /// finds most unknown labels of those nearly as good: an operating profile limits false objects, so the gate need not.
+    /// Which point of a sweep (the closed set first) the threshold is taken from: the best harmonic mean, as in the paper. Of an open head it is the last, one
+    /// half: its boxes are read both ways, and the scores of the profiles decide.
     pub fn best_index(self, sweep: &[SweepPoint]) -> usize {
-        const KNOWN_LOST_MAX: f64 = 0.15;
-        const HARM_LOST_MAX: f64 = 0.5;
-        if self != ModelGate::Known {
-            return best_index(sweep);
-        }
-        let known_min = sweep[0].map_known - KNOWN_LOST_MAX;
-        let best = best_index_from(sweep, known_min);
-        let harm_min = sweep[best].map_harm() - HARM_LOST_MAX;
-        let is_near =
-            |at: &usize| sweep[*at].map_known >= known_min && sweep[*at].map_harm() >= harm_min;
-        let recall = |at: &usize| sweep[*at].recall_unknown;
-        let near = (0..sweep.len()).filter(is_near);
-        near.max_by(|a, b| recall(a).total_cmp(&recall(b)))
-            .unwrap_or(best)
-    }
-
-    /// That rule, in words.
-    pub(super) fn rule(self) -> &'static str {
         match self {
-            ModelGate::Known => {
-                "most unknown labels found, of those with a harmonic mean of mAP known and AP unknown (R40, moderate) at most 0.5 \
-                 below the best and mAP known at most 0.15 points below the closed set's"
-            }
-            _ => {
-                "best harmonic mean of mAP known and AP unknown (R40, moderate), of those with mAP known at least 0.9 of the closed \
-                 set's"
-            }
+            ModelGate::Known => sweep.len().saturating_sub(1),
+            _ => best_index(sweep),
         }
     }
 
@@ -66,12 +42,13 @@ impl ModelGate {
         }
     }
 
-    /// In words.
-    pub(super) fn describe(self) -> &'static str {
+    /// How a threshold is chosen, in words.
+    pub(super) fn rule(self) -> &'static str {
         match self {
-            ModelGate::Eds => "normalised EDS",
-            ModelGate::Known => "one minus P(unknown), below a half",
-            ModelGate::Softmax => "largest class probability",
+            ModelGate::Known => "P(unknown) of one half: more likely unknown than known",
+            _ => {
+                "best harmonic mean of mAP known and AP unknown (R40, moderate), of those with mAP known at least 0.9 of the closed set's"
+            }
         }
     }
 
@@ -92,13 +69,15 @@ impl ModelGate {
         }
     }
 
-    /// 0, the closed set, then at most `count` thresholds that cut what the boxes have into equal parts, ascending.
+    /// 0, the closed set, then at most `count` thresholds that cut what the boxes have into equal parts, ascending; of an open head also one half.
     pub fn thresholds(self, frames: &[DetectedFrame], count: usize) -> Vec<f64> {
         let boxes = frames.iter().flat_map(|frame| &frame.detections);
         let values = boxes.map(|d| self.value(d)).filter(|v| self.may_be(*v));
         let values: Vec<f64> = values.map(f64::from).collect();
         let grid = quantile_grid(&values, count);
-        [0.0].into_iter().chain(grid).collect()
+        let half = (self == ModelGate::Known).then_some(0.5);
+        let below = grid.into_iter().filter(|t| half != Some(*t));
+        [0.0].into_iter().chain(below).chain(half).collect()
     }
 
     /// Whether a sweep tries a threshold: a box that is more likely known than not is never gated by the logit.
@@ -106,13 +85,8 @@ impl ModelGate {
         self != ModelGate::Known || (threshold > 0.0 && threshold <= 0.5)
     }
 
-    /// The box with its kind at a threshold; `None` for one without a class (`is_generic`) that is not unknown.
-    pub(super) fn apply(
-        self,
-        detection: &Detection,
-        is_generic: bool,
-        threshold: f32,
-    ) -> Option<Detection> {
+    /// The box with its kind at a threshold; `None` for one without a class that is not unknown.
+    pub(super) fn apply(self, detection: &Detection, threshold: f32) -> Option<Detection> {
         let (gate_kind, threshold) = match self {
             ModelGate::Eds => (GateKind::Eds, threshold),
             ModelGate::Known => (GateKind::UnknownProbability, unknown_min(threshold)),
@@ -122,7 +96,7 @@ impl ModelGate {
             ModelGate::Known => gate::is_unknown(detection.unknown_probability, threshold),
             _ => self.value(detection) < threshold,
         };
-        if is_generic && !is_unknown {
+        if !detection.has_class() && !is_unknown {
             return None;
         }
         let kind = if is_unknown {
@@ -194,8 +168,10 @@ mod tests {
             gate.set(&mut thresholds, own);
             assert_eq!(gate.threshold(&thresholds), own, "comes back");
             let candidate = |t: f32| {
-                let with_class = gate.apply(&detection, false, t).expect("stays");
-                let kept = gate.apply(&detection, true, t).is_some();
+                let mut of_class = detection;
+                of_class.probabilities[0] = 1.0;
+                let with_class = gate.apply(&of_class, t).expect("stays");
+                let kept = gate.apply(&detection, t).is_some();
                 assert_eq!(kept, with_class.is_candidate());
                 kept
             };

@@ -143,10 +143,9 @@ pub fn choose_threshold(
         threshold: point.threshold,
         metrics,
         reason: format!(
-            "{}, among {} thresholds that are quantiles of the kept boxes' {}; data: {data}; refiner: {refiner}",
+            "{}, among {} thresholds; data: {data}; refiner: {refiner}",
             gate.rule(),
             sweep.len() - 1,
-            gate.describe(),
         ),
     })
 }
@@ -174,8 +173,13 @@ pub fn choose_profiles(
 ) -> Result<ScoreChoice> {
     let gate = ModelGate::of(model);
     let threshold = f64::from(gate.threshold(&model.manifest.thresholds));
-    let objects = objects_at(model, gate, set, frames, settings, vec![threshold], &|| ())?;
-    let labelled = objects.labelled(frames, 0);
+    let published = |unknown: f32| {
+        let mut settings = settings.clone();
+        settings.score_min.unknown = unknown;
+        let objects = objects_at(model, gate, set, frames, &settings, vec![threshold], &|| ())?;
+        Ok::<_, EvaluateError>(objects.labelled(frames, 0))
+    };
+    let labelled = published(0.0)?;
     let judged = Operating::of(&labelled, &[frames.len()], rules);
     let halves = [0, 1].map(|half| {
         let scans: Vec<_> = labelled.iter().skip(half).step_by(2).cloned().collect();
@@ -183,11 +187,17 @@ pub fn choose_profiles(
     });
     let [even, odd] = &halves;
     let tables = [odd, even].map(Operating::probabilities);
-    let least = |unknown: f64, known: f64| ScoreMin {
-        known: judged.safe_score_min(ObjectKind::Known, known),
-        unknown: judged.safe_score_min(ObjectKind::Unknown, unknown),
+    // What is not published as unknown may be published as known.
+    let least = |unknown: f64, known: f64| {
+        let unknown = judged.safe_score_min(ObjectKind::Unknown, unknown);
+        let left = Operating::of(&published(unknown)?, &[frames.len()], rules);
+        Ok::<_, EvaluateError>(ScoreMin {
+            known: left.safe_score_min(ObjectKind::Known, known),
+            unknown,
+            both_readings: false,
+        })
     };
-    let (quiet, balanced) = (least(0.1, 0.2), least(0.3, 0.5));
+    let (quiet, balanced) = (least(0.1, 0.2)?, least(0.3, 0.5)?);
     let errors = |name, kind, score_min| {
         let of = |half: usize| halves[half].calibration_errors(kind, score_min, &tables[half]);
         (name, [0, 1].map(of))

@@ -20,8 +20,8 @@ struct Contents {
     wire: u32,
     /// The model's fingerprint, 16 hexadecimal digits, and the precision.
     made_with: String,
-    /// Name, count of boxes, and how many of them are of anchors without a class.
-    frames: Vec<(String, usize, usize)>,
+    /// Name and count of boxes.
+    frames: Vec<(String, usize)>,
 }
 
 fn made_with(model: &Model, precision: Precision) -> String {
@@ -41,7 +41,7 @@ pub fn write_part(
         wire: WIRE_VERSION,
         made_with: made_with(model, precision),
         frames: entries
-            .map(|(name, frame)| (name.clone(), frame.detections.len(), frame.generic))
+            .map(|(name, frame)| (name.clone(), frame.detections.len()))
             .collect(),
     };
     let head = serde_json::to_string(&contents).map_err(|e| EvaluateError::file(path, e))? + "\n";
@@ -63,8 +63,8 @@ pub fn read_parts(
 ) -> Result<Vec<DetectedFrame>> {
     let mut found = BTreeMap::new();
     for path in paths {
-        for (name, boxes, generic) in read_part(path, &made_with(model, precision))? {
-            if found.insert(name.clone(), (boxes, generic)).is_some() {
+        for (name, boxes) in read_part(path, &made_with(model, precision))? {
+            if found.insert(name.clone(), boxes).is_some() {
                 let what = format!("frame {name}: expected in one part, found in another one too");
                 return Err(EvaluateError::file(path, what));
             }
@@ -72,13 +72,9 @@ pub fn read_parts(
     }
     let frame = |(index, name): (usize, &String)| {
         let missing = || format!("frame {name}: expected in one of the parts, found in none");
-        let (detections, generic) =
-            (found.remove(name)).ok_or_else(|| EvaluateError::Input(missing()))?;
-        Ok(DetectedFrame {
-            truth: set.truth(index)?,
-            detections,
-            generic,
-        })
+        let detections = (found.remove(name)).ok_or_else(|| EvaluateError::Input(missing()))?;
+        let truth = set.truth(index)?;
+        Ok(DetectedFrame { truth, detections })
     };
     let frames: Result<Vec<_>> = set.names().iter().enumerate().map(frame).collect();
     let frames = frames?;
@@ -90,10 +86,7 @@ pub fn read_parts(
     }
 }
 
-/// Name, boxes, and how many of them have no class.
-type Boxes = (String, Vec<Detection>, usize);
-
-fn read_part(path: &Path, expected: &str) -> Result<Vec<Boxes>> {
+fn read_part(path: &Path, expected: &str) -> Result<Vec<(String, Vec<Detection>)>> {
     let fault = |what: String| EvaluateError::file(path, what);
     let bytes = std::fs::read(path).map_err(|cause| fault(cause.to_string()))?;
     let end = bytes.iter().position(|byte| *byte == b'\n');
@@ -108,18 +101,17 @@ fn read_part(path: &Path, expected: &str) -> Result<Vec<Boxes>> {
         )));
     }
     let mut frames = Vec::new();
-    for (name, count, generic) in contents.frames {
+    for (name, count) in contents.frames {
         let size = count.checked_mul(size_of::<Detection>());
-        let parts = size.and_then(|size| rest.split_at_checked(size));
-        let Some((boxes, behind)) = parts.filter(|_| generic <= count) else {
+        let Some((boxes, behind)) = size.and_then(|size| rest.split_at_checked(size)) else {
             let left = rest.len();
             return Err(fault(format!(
-                "frame {name}: expected {count} boxes, {generic} of them without a class, found {left} bytes"
+                "frame {name}: expected {count} boxes, found {left} bytes"
             )));
         };
         let boxes = boxes.chunks_exact(size_of::<Detection>());
         let boxes = boxes.map(bytemuck::pod_read_unaligned).collect();
-        frames.push((name, boxes, generic));
+        frames.push((name, boxes));
         rest = behind;
     }
     Ok(frames)

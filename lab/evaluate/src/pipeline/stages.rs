@@ -33,14 +33,11 @@ pub fn detect_frames(
         backbone.run(bytemuck::cast_slice(&points));
         let (cells, rows) = backbone.last_rows()?;
         let mut detections = Vec::new();
-        let generic = head.run(&cells, &rows, &mut detections)?.generic as usize;
+        head.run(&cells, &rows, &mut detections)?;
         stand_on_ground(&mut detections, backbone.ground_m());
         step();
-        Ok(DetectedFrame {
-            truth: set.truth(index)?,
-            detections,
-            generic,
-        })
+        let truth = set.truth(index)?;
+        Ok(DetectedFrame { truth, detections })
     };
     (0..set.names().len()).map(&mut one).collect()
 }

@@ -12,11 +12,11 @@ use mluc_backbone::Precision;
 use mluc_dataset::Dataset;
 use mluc_dataset::whole_file::write_whole;
 use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_profiles, choose_threshold,
-    detect_frames, judge, sweep_gate, write_precisions, write_profiles, write_threshold,
+    DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_profiles, detect_frames, judge,
+    write_precisions, write_profiles,
 };
 use mluc_model::{Model, SensorProfile, model_bytes};
-use mluc_refiner::{ClusterScorer, Settings, Variant};
+use mluc_refiner::{ClusterScorer, Settings};
 use mluc_simulate::{Class, Split};
 use mluc_train::TrainSettings;
 use plan::{Plan, Request};
@@ -30,7 +30,7 @@ use super::train::{train, tune_memory};
 const ANY_OPEN: &[u8] = include_bytes!("../../../../weights/any-open.safetensors");
 
 /// Adapt the weights to one sensor and the classes that you know, in a given time: simulates scans of this very sensor, trains on from
-/// the shipped weights, measures int8's ranges, chooses the threshold, and judges before and after.
+/// the shipped weights, measures int8's ranges, chooses the scores of the profiles, and judges before and after.
 ///
 /// DIR gets model.safetensors and report.md. What it costs is measured first and told. A command that was interrupted goes on when it is
 /// started again. The validation scans are simulated: real scans decide (evaluate ap).
@@ -143,9 +143,9 @@ impl Adaptation<'_> {
         train(&settings).map(drop)
     }
 
-    /// The model of the run with its int8 ranges and its threshold.
+    /// The model of the run with its int8 ranges and the scores of its profiles.
     fn finish_model(&self) -> Result<()> {
-        print_err("step 4 of 4: int8 ranges, threshold, figures");
+        print_err("step 4 of 4: int8 ranges, scores, figures");
         let (trained, path) = (self.run_folder().join("model.safetensors"), self.model());
         let is_done = Model::read(&path).is_ok_and(|model| {
             let from = model.manifest.provenance;
@@ -163,26 +163,10 @@ impl Adaptation<'_> {
             scorer.write(&mut weights);
         }
         let (set, frames, judgement) = self.judge(&train)?;
-        if judgement.unknown_labels() == 0 {
-            // Nothing is left to choose by.
-            manifest.thresholds.unknown_min = init.manifest.thresholds.unknown_min;
-            manifest.provenance.threshold_choice =
-                "that of the model that training began with: no unknown object counts".into();
-        }
+        ModelGate::Known.set(&mut manifest.thresholds, 0.5);
+        manifest.provenance.threshold_choice = "one half: more likely unknown than known".into();
         let bytes = model_bytes(&manifest, &weights)?;
         write_whole(&path, &bytes).with_context(|| path.display().to_string())?;
-        if judgement.unknown_labels() > 0 {
-            let model = Model::read(&path)?;
-            let (rules, settings) = (&judgement.rules, Settings::default());
-            let sweep = counted("thresholds", set.names().len(), |step| {
-                sweep_gate(&model, &set, &frames, rules, &settings, step)
-            })?;
-            let variant = Variant::default().name();
-            let data = set.describe();
-            let choice =
-                choose_threshold(ModelGate::of(&model), &sweep, &judgement, &data, variant)?;
-            write_threshold(&path, &model, &choice)?;
-        }
         let (model, rules, settings) = (Model::read(&path)?, &judgement.rules, Settings::default());
         let chosen = choose_profiles(&model, &set, &frames, rules, &settings)?;
         write_profiles(&path, &model, &chosen, &set.describe())?;

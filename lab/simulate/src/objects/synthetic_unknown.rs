@@ -9,7 +9,8 @@ use super::super::mesh::{Mesh, V3};
 use super::super::random::Dice;
 use super::{ANNOTATION_MARGIN_M, Class, Family, Model, Realism, Step, exact, mean_size_m};
 use crate::synthetic_unknown::{
-    CUT_CHANCE, CUT_LOW, CUT_SHARE, FACTORS, JOIN_CHANCE, has_known_size, has_road_size,
+    ALIKE_CHANCE, ANYWHERE, CUT_CHANCE, CUT_LOW, CUT_SHARE, JOIN_CHANCE, LIES_CHANCE, ON_ROADS,
+    Scaling, has_known_size, has_road_size,
 };
 
 /// Draws for one object; the last is taken as it comes.
@@ -36,7 +37,14 @@ fn is_new(model: &Model, family: Family) -> bool {
     let classes = family.known_classes().iter();
     let classes_m: Vec<[f64; 3]> = classes.map(|c| size(mean_size_m(*c, family))).collect();
     let size_m = size(model.size_m());
-    has_road_size(size_m) && !has_known_size(size_m, &classes_m)
+    has_road_size(size_m, scaling(family)) && !has_known_size(size_m, &classes_m)
+}
+
+fn scaling(family: Family) -> &'static Scaling {
+    match family {
+        Family::SimAny => &ANYWHERE,
+        _ => &ON_ROADS,
+    }
 }
 
 /// A model, and whether a vehicle is part of it.
@@ -44,8 +52,16 @@ fn attempt(family: Family, dice: &mut Dice) -> (Model, bool) {
     let first = known_class(family, dice);
     let mut mesh = body(first, family, dice);
     let mut has_vehicle = first.is_vehicle();
-    let factors = FACTORS.map(|[low, high]| dice.range(low.ln() as f32, high.ln() as f32));
-    let mut factors = factors.map(f32::exp);
+    let is_any = family == Family::SimAny;
+    if is_any && dice.chance(LIES_CHANCE) {
+        mesh.map(|p| V3::new(p.z, p.y, -p.x));
+    }
+    let alike = (is_any && dice.chance(ALIKE_CHANCE)).then(|| dice.unit());
+    let mut factors = scaling(family).factors.map(|[low, high]| {
+        let [low, high] = [low, high].map(|factor| factor.ln() as f32);
+        alike.map_or_else(|| dice.range(low, high), |share| low + (high - low) * share)
+    });
+    factors = factors.map(f32::exp);
     if dice.chance(JOIN_CHANCE as f32) {
         let second = known_class(family, dice);
         has_vehicle |= second.is_vehicle();

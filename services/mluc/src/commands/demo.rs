@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use mluc_gateway::picture::{BoxKind, DrawnBox, View, bird_eye};
 use mluc_geometry::Box3;
-use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point, Status};
+use mluc_ipc_types::{Object, ObjectKind, Point};
 use mluc_runtime::{Shutdown, log_to_stderr};
 use mluc_sources::is_live;
 
@@ -15,7 +15,7 @@ use crate::bundled::BundledScans;
 use crate::cli::PipelineArgs;
 use crate::piped::Piped;
 use crate::settings::{Pace, Settings};
-use crate::supervisor::{Sink, run};
+use crate::supervisor::{Left, Sink, run};
 use crate::terminal::print_out;
 
 pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
@@ -70,14 +70,8 @@ struct Best {
 }
 
 impl Sink for Shown {
-    fn take(
-        &mut self,
-        header: &FrameHeader,
-        objects: &[Object],
-        classes: &[String],
-        _: &Status,
-        points: &[Point],
-    ) -> anyhow::Result<bool> {
+    fn take(&mut self, left: Left<'_>) -> anyhow::Result<bool> {
+        let (header, objects, classes) = (left.header, left.objects, left.classes);
         self.summary.record(header);
         let shown: Vec<&Object> = objects.iter().filter(|o| o.is_published()).collect();
         let (name, points_in, count) = (header.name(), header.points_in, shown.len());
@@ -92,7 +86,7 @@ impl Sink for Shown {
         if self.best.as_ref().is_none_or(|best| unknown > best.unknown) {
             self.best = Some(Best {
                 name: name.to_string(),
-                points: points.to_vec(),
+                points: left.points.to_vec(),
                 unknown,
                 boxes: shown.iter().map(|object| drawn(object, classes)).collect(),
             });

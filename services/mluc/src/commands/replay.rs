@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use mluc_gateway::lines::line;
 use mluc_gateway::ros2::line_topic;
-use mluc_ipc_types::{Flags, FrameHeader, Object, Point, Stage, Status};
+use mluc_ipc_types::{Flags, Stage};
 use mluc_runtime::{Shutdown, log_to_stderr};
 use mluc_sources::{Recorded, place};
 use serde_json::{Value, json};
@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use crate::cli::PipelineArgs;
 use crate::settings::{Pace, Settings, StageSettings};
 use crate::stages::played;
-use crate::supervisor::{Sink, run};
+use crate::supervisor::{Left, Sink, run};
 use crate::terminal::{print_err, print_out};
 use crate::{EXIT_FAILURE, UsageError, model};
 
@@ -100,16 +100,9 @@ struct Compared {
 }
 
 impl Sink for Compared {
-    fn take(
-        &mut self,
-        header: &FrameHeader,
-        objects: &[Object],
-        classes: &[String],
-        status: &Status,
-        _: &[Point],
-    ) -> anyhow::Result<bool> {
-        let is_missing = self.has_played && Flags(header.flags).contains(Flags::DEGRADED);
-        let scan = place(self.shard, header.sequence);
+    fn take(&mut self, left: Left<'_>) -> anyhow::Result<bool> {
+        let is_missing = self.has_played && Flags(left.header.flags).contains(Flags::DEGRADED);
+        let scan = place(self.shard, left.header.sequence);
         let message = self.recorded.of(scan)?;
         let Some(message) = message.filter(|_| !is_missing) else {
             self.without += 1;
@@ -120,7 +113,8 @@ impl Sink for Compared {
         let text = message.get(8..message.len().saturating_sub(1));
         let recorded: Value = serde_json::from_slice(text.unwrap_or(&[])).with_context(about)?;
         // As text, so that numbers are rounded as the recorded ones were.
-        let found = serde_json::to_string(&line(header, objects, classes, status))?;
+        let found =
+            serde_json::to_string(&line(left.header, left.objects, left.classes, left.status))?;
         let found: Value = serde_json::from_str(&found)?;
         let [own, others] = [&recorded, &found].map(|line| line["model"].as_str().unwrap_or("?"));
         if own != others {

@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 
 use mluc_gateway::lines::{line, status_line};
-use mluc_ipc_types::{Flags, FrameHeader, Object, Point, Status};
+use mluc_ipc_types::{Flags, FrameHeader, Status};
 use mluc_runtime::{Shutdown, log_to_stderr};
 
 use crate::EXIT_FAILURE;
 use crate::cli::PipelineArgs;
 use crate::piped::Piped;
 use crate::settings::Settings;
-use crate::supervisor::{LineWriter, Outcome, Sink, hops, run};
+use crate::supervisor::{Left, LineWriter, Outcome, Sink, hops, run};
 use crate::terminal::print_err;
 
 pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
@@ -61,16 +61,10 @@ struct Lines {
 }
 
 impl Sink for Lines {
-    fn take(
-        &mut self,
-        header: &FrameHeader,
-        objects: &[Object],
-        classes: &[String],
-        status: &Status,
-        _: &[Point],
-    ) -> anyhow::Result<bool> {
-        self.summary.record(header);
-        self.writer.write(&line(header, objects, classes, status))
+    fn take(&mut self, left: Left<'_>) -> anyhow::Result<bool> {
+        self.summary.record(left.header);
+        let line = line(left.header, left.objects, left.classes, left.status);
+        self.writer.write(&line)
     }
 
     fn tell(&mut self, status: &Status) -> anyhow::Result<bool> {

@@ -75,6 +75,7 @@ impl Algorithm for RefinerStage {
         if let Some(tracker) = &mut self.tracker {
             tracker.update(header, refined);
         }
+        refined.choose_readings();
         let counters = &refined.counters;
         header.count_over(Flags::LIMIT_DETECTIONS, counters.detections_dropped);
         header.flag(counters.flags());

@@ -37,18 +37,19 @@ use report::Latencies;
 pub(crate) use report::hops;
 use status::StatusWriter;
 
+/// A frame that leaves the pipeline: checked objects, the names of the classes, points if they are needed and still there.
+pub(crate) struct Left<'a> {
+    pub(crate) header: &'a FrameHeader,
+    pub(crate) objects: &'a [Object],
+    pub(crate) classes: &'a [String],
+    pub(crate) status: &'a Status,
+    pub(crate) points: &'a [Point],
+}
+
 /// Takes what leaves the pipeline. It must not wait: the supervisor would.
 pub(crate) trait Sink {
-    /// A frame: its header, its checked objects, the names of the classes, the pipeline's status, and its points if they are
-    /// needed and still there. False: no more are wanted.
-    fn take(
-        &mut self,
-        header: &FrameHeader,
-        objects: &[Object],
-        classes: &[String],
-        status: &Status,
-        points: &[Point],
-    ) -> anyhow::Result<bool>;
+    /// False: no more are wanted.
+    fn take(&mut self, left: Left<'_>) -> anyhow::Result<bool>;
 
     /// Points are kept for [`Sink::take`].
     fn needs_points(&self) -> bool {
@@ -375,9 +376,14 @@ impl Supervisor {
                 return Ok(false);
             }
             let scan = self.scans.of(header.sequence);
-            let points = scan.map_or(&[][..], Message::elements);
-            let status = self.status.current();
-            if !sink.take(&header, objects, &self.classes, status, points)? {
+            let left = Left {
+                header: &header,
+                objects,
+                classes: &self.classes,
+                status: self.status.current(),
+                points: scan.map_or(&[][..], Message::elements),
+            };
+            if !sink.take(left)? {
                 return Ok(false);
             }
         }

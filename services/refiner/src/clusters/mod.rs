@@ -20,7 +20,6 @@ use std::ops::Range;
 use mluc_geometry::Box3;
 use mluc_ipc_types::{POINTS_MAX, Point};
 
-use crate::ascending::Ascending;
 use crate::fit::{Fitter, Footprint};
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::{RefinerError, Sensor, Settings};
@@ -117,7 +116,6 @@ pub(crate) struct ClusterFinder {
     cluster_of_cell: Vec<u32>,
     /// Of one tile.
     standing: Vec<IndexedPoint>,
-    ascending: Ascending,
 }
 
 impl ClusterFinder {
@@ -130,7 +128,6 @@ impl ClusterFinder {
             measurer: Measurer::new(sensor),
             cluster_of_cell: Vec::new(),
             standing: Vec::new(),
-            ascending: Ascending::default(),
             settings: settings.clone(),
         }
     }
@@ -209,7 +206,7 @@ impl ClusterFinder {
             points.extend_from_slice(&self.cells.indices[self.cells.points(cell)]);
         }
         let own = &mut points[first..];
-        self.ascending.sort(own);
+        own.sort_unstable();
         let origin_m = mean_m(scan, own);
         let cluster = &mut self.fitter.points;
         cluster.start(origin_m);

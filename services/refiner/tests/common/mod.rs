@@ -140,10 +140,12 @@ pub(crate) fn box_of(object: &Object) -> Box3 {
     Box3::from_f32(object.center_m, object.size_m, object.yaw_rad)
 }
 
-/// What every answer keeps, whatever the input: the contract's own checks, one object a detection, every index inside.
+/// What every answer keeps, whatever the input: the contract's own checks, one object a detection and second readings behind, every index inside.
 pub(crate) fn assert_sound(points: &[Point], detections: &[Detection], out: &RefinerOutput) {
     Object::checked(&FrameHeader::new(0, "test"), &out.objects, 4).expect("sound objects");
-    assert_eq!(out.objects.len(), detections.len().min(512));
+    let count = detections.len().min(512);
+    assert!((count..=512).contains(&out.objects.len()));
+    assert!(out.objects[count..].iter().all(|o| o.kind == 0));
     assert!(out.object_points.len() <= OBJECT_POINTS_MAX);
     let is_inside = |&i: &u32| (i as usize) < points.len();
     assert!(out.object_points.iter().all(is_inside));

@@ -25,8 +25,7 @@ const LEARNING_RATE: f64 = 0.001;
 const PROBE: (u32, u64) = (8, 3);
 /// Validation scans an hour, and their bounds.
 const VAL_SCANS: (f64, [f64; 2]) = (120.0, [12.0, 240.0]);
-/// Judging a validation scan before, after and in each precision, and trying thresholds on it, takes as long as training on so many
-/// scans (a guess); other work, this share of the time.
+/// Judging a validation scan before, after and in each precision takes as long as training on so many scans (a guess); other work, this share of the time.
 const JUDGE_SCANS: f64 = 2.5;
 const OTHER_SHARE: f64 = 0.08;
 /// Fewer scans teach nothing about a sensor.
@@ -175,7 +174,7 @@ impl Plan {
             "{}, known: {}\n\
              simulate {} scans and {} to judge by: {simulate:.0} min\n\
              train {} steps of {BATCH} scans: {train:.0} min\n\
-             judge before and after, int8 ranges, threshold: {judge:.0} min\n\
+             judge before and after, int8 ranges, scores: {judge:.0} min\n\
              in all about {:.2} of {} hours, {:.1} GB in {}",
             self.request.sensor.name,
             self.request.known.join(", "),

@@ -44,8 +44,7 @@ pub(super) struct ModelArguments {
     /// Label classes that are unknown; unseen: those of `simulate --unseen` [default: golf_cart,forklift for udi, van,truck for kitti, all four for any].
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     unknown: Option<Vec<String>>,
-    /// Try thresholds of the gate, and say which is best: the highest harmonic mean that keeps nine tenths of the closed set's mAP; of an open head the one
-    /// that finds most unknown labels, at most 0.5 points below the best harmonic mean and 0.15 below the closed set's mAP.
+    /// Try thresholds of the gate, and say which is best: the highest harmonic mean that keeps nine tenths of the closed set's mAP; of an open head one half.
     #[arg(long)]
     sweep: bool,
     /// Write the best threshold into the model file, with how it was chosen (implies --sweep and --write-precisions, and
