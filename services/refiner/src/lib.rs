@@ -14,6 +14,7 @@ pub mod cluster_scorer;
 mod clusterer;
 pub mod clusters;
 mod decide;
+mod ego;
 pub mod fit;
 mod frame;
 mod merge;
@@ -31,6 +32,7 @@ pub mod track;
 
 pub use cluster_scorer::ClusterScorer;
 pub use clusters::{FrameClusterer, FrameClusters};
+pub use ego::EgoEstimator;
 pub use frame::{FrameIndex, IndexedPoint};
 pub use output::{Counters, RefinerOutput};
 pub use refiner::{Refiner, WORK_MAX};

@@ -118,6 +118,11 @@ impl Refiner {
         self.clusterer.find_ground(&self.frame);
     }
 
+    /// The scan that was read last.
+    pub fn scan(&self) -> &FrameIndex {
+        &self.frame
+    }
+
     /// Proposals of the head's gate, ground, clusters of the scan, proposals matched to clusters, box, score, disposition,
     /// merge (paper section 3.3), the profile's scores.
     ///

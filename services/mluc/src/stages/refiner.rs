@@ -4,7 +4,7 @@ use mluc_ipc_types::{
     Detection, Flags, FrameHeader, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, Point, Stage, Topic,
 };
 use mluc_model::Model;
-use mluc_refiner::{Refiner, RefinerOutput, Tracker};
+use mluc_refiner::{EgoEstimator, Refiner, RefinerOutput, Tracker};
 use mluc_runtime::{
     Algorithm, Frames, Output, RuntimeError, Scans, Shell, StageError, StageInput, monotonic_ns,
     run_stage, stamp_published,
@@ -16,7 +16,7 @@ use crate::settings::Settings;
 struct RefinerStage {
     /// With run and sequence of the scan that the refiner has read.
     models: Models<(Refiner, Option<(u64, u64)>)>,
-    tracker: Option<Tracker>,
+    tracker: Option<(Tracker, EgoEstimator)>,
     refined: RefinerOutput,
     object_points: Output<u32>,
     /// Where the sensor sets the pace: how long a frame may be refined, and how old it may leave.
@@ -29,7 +29,10 @@ pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyh
     let make = move |model: &Model| Ok((Refiner::for_model(own.clone(), model)?, None));
     let stage = RefinerStage {
         models: Models::new(shell, model, make(model)?, make),
-        tracker: settings.track.map(Tracker::new).transpose()?,
+        tracker: match settings.track {
+            Some(settings) => Some((Tracker::new(settings)?, EgoEstimator::default())),
+            None => None,
+        },
         refined: RefinerOutput::default(),
         object_points: shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?,
         limits_ns: settings.budget_ms.map(|ms| (time_max_ns, ms * 1_000_000)),
@@ -72,8 +75,13 @@ impl Algorithm for RefinerStage {
         }
         let refined = &mut self.refined;
         refiner.refine_within(header.sequence, points, detections, &mut is_over, refined);
-        if let Some(tracker) = &mut self.tracker {
-            tracker.update(header, refined);
+        if let Some((tracker, estimator)) = &mut self.tracker {
+            let mut followed = *header;
+            if header.ego.is_known != 1 && input.points.is_some() {
+                let ego = estimator.estimate(header.sequence, refiner.scan());
+                followed.ego = ego.unwrap_or_default();
+            }
+            tracker.update(&followed, refined);
         }
         refined.choose_readings();
         let counters = &refined.counters;

@@ -1,0 +1,58 @@
+//! The sensor's motion as the refiner estimates it from scans alone, on simulated drives with known poses.
+
+use std::fs;
+
+use mluc_ipc_types::Point;
+use mluc_refiner::{EgoEstimator, FrameIndex};
+use mluc_simulate::{ExportOptions, Family, Split, export};
+
+const DRIVES: u32 = 15;
+/// One second, and the scan that it begins with.
+const SCANS: usize = 11;
+
+#[test]
+fn the_motion_of_a_second_is_known_to_centimetres_by_one_sensor_and_by_any() {
+    for family in [Family::SimKitti, Family::SimAny] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().join("drives");
+        let count = DRIVES * SCANS as u32;
+        let mut options = ExportOptions::new(family, Split::Val, count, 1, out.clone());
+        options.sequence = Some(SCANS as u32);
+        export(&options, || ()).expect("simulated drives");
+        let text = fs::read_to_string(out.join("poses.txt")).expect("poses");
+        let lines = text.lines().filter(|line| !line.starts_with('#'));
+        let poses = lines.map(|line| line.split(' ').map(|v| v.parse().expect("a number")));
+        let poses: Vec<Vec<f64>> = poses.map(Iterator::collect).collect();
+        let (mut frame, mut lost) = (FrameIndex::default(), 0);
+        let (mut places_m, mut headings_rad) = (vec![], vec![]);
+        for first in (0..poses.len()).step_by(SCANS) {
+            let mut estimator = EgoEstimator::default();
+            let mut last = None;
+            for index in first..first + SCANS {
+                let path = out.join(format!("velodyne/{index:06}.bin"));
+                let scan = fs::read(path).expect("a scan");
+                let points = scan
+                    .chunks_exact(size_of::<Point>())
+                    .map(bytemuck::pod_read_unaligned);
+                frame.sort(&points.collect::<Vec<Point>>());
+                last = estimator.estimate(index as u64, &frame);
+                lost += u32::from(last.is_none());
+            }
+            // The estimate begins at 0; no drive of the simulator turns.
+            let [begin, end] = [&poses[first], &poses[first + SCANS - 1]];
+            let Some(found) = last else { continue };
+            let [x, y] = [0, 1].map(|axis| found.position_m[axis] - (end[axis] - begin[axis]));
+            places_m.push(x.hypot(y));
+            headings_rad.push((found.yaw_rad - (end[3] - begin[3])).abs());
+        }
+        let name = family.name();
+        let at = |values: &[f64], q| mluc_geometry::quantile_of(values.to_vec(), q).expect("some");
+        let [place_m, most_m] = [0.5, 0.9].map(|q| at(&places_m, q));
+        let heading_rad = at(&headings_rad, 0.5);
+        println!(
+            "{name}: after 1 s {place_m:.3} m (p90 {most_m:.3}), {heading_rad:.4} rad, {lost} of {count} scans lost"
+        );
+        assert!(place_m < 0.1 && most_m < 0.3, "{name}: {places_m:?}");
+        assert!(heading_rad < 0.002 && lost < 5, "{name}: {headings_rad:?}");
+    }
+}
