@@ -1,13 +1,10 @@
 //! The machine that a figure belongs to, and the program that was measured: without them a figure means little.
 
-use std::fs::read_to_string;
-use std::path::Path;
-use std::process::Command;
 use std::time::{SystemTime, UNIX_EPOCH};
+use std::{fs::read_to_string, path::Path, process::Command};
 
 use mluc::placement::usable_cpus;
-use procfs::process::Process;
-use procfs::{CpuInfo, Current, LoadAverage, Meminfo};
+use procfs::{CpuInfo, Current, LoadAverage, Meminfo, process::Process};
 use serde_json::{Value, json};
 
 /// Instruction sets that the kernels choose by.

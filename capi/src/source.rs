@@ -120,11 +120,8 @@ impl Source {
         let number = format!("{sequence:06}");
         let mut header = FrameHeader::new(sequence, name.unwrap_or(&number));
         (header.run_id, header.model_fingerprint) = (run.run_id, run.model_fingerprint);
-        header.sensor_stamp_ns = if stamp_ns == 0 {
-            wall_clock_ns()
-        } else {
-            stamp_ns
-        };
+        let now_ns = wall_clock_ns();
+        header.sensor_stamp_ns = if stamp_ns == 0 { now_ns } else { stamp_ns };
         let bytes: &[u8] = bytemuck::cast_slice(points);
         let report = inspect_bin(bytes);
         (header.points_in, header.points_dropped) = (report.points_in, report.dropped());

@@ -102,14 +102,6 @@ fn sound_object() -> Object {
     }
 }
 
-fn unknown_object() -> Object {
-    Object {
-        kind: ObjectKind::Unknown as u32,
-        flags: Object::SPLIT,
-        ..sound_object()
-    }
-}
-
 /// One test: the library reads the environment, which the whole process shares.
 #[test]
 fn a_refiner_lives_its_life() {
@@ -227,7 +219,12 @@ fn strange_frames_are_refused_and_counted(refiner: *mut MlucRefiner, others: &mu
     }
     others.send(6, |_| ());
     assert_eq!(wait(refiner, 2000).0, Code::Ok as i32);
-    let found = publish(refiner, &[unknown_object()], &[5, 99]);
+    let unknown = Object {
+        kind: ObjectKind::Unknown as u32,
+        flags: Object::SPLIT,
+        ..sound_object()
+    };
+    let found = publish(refiner, &[unknown], &[5, 99]);
     assert_eq!(found, Code::Ok as i32);
     watch.update().unwrap();
     let health = *watch.of(Stage::Refiner).unwrap();

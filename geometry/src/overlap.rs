@@ -2,8 +2,7 @@
 //!
 //! Everything in f64. A box with a size that is not positive, or with a coordinate that is not finite, overlaps nothing.
 
-use crate::boxes::Box3;
-use crate::polygon::Polygon;
+use crate::{boxes::Box3, polygon::Polygon};
 
 /// Four corners, and at most one more for each of four cuts.
 const CORNERS_MAX: usize = 8;

@@ -106,9 +106,8 @@ pub struct Object {
     pub points_first: u32,
     /// Entries there.
     pub points_count: u32,
-    /// What is out of the ordinary: bits, [`Object::UNREFINED`], [`Object::SPLIT`], [`Object::THINNED`],
-    /// [`Object::SMALL`], [`Object::LARGE`], [`Object::POST`], [`Object::CONFIRMED`]. Its upper bytes are numbers:
-    /// [`Object::track`] and [`Object::probability`].
+    /// What is out of the ordinary: bits, [`Object::UNREFINED`], [`Object::SPLIT`], [`Object::THINNED`], [`Object::SMALL`], [`Object::LARGE`],
+    /// [`Object::POST`], [`Object::CONFIRMED`]. Its upper bytes are numbers: [`Object::track`] and [`Object::probability`].
     pub flags: u32,
     /// The same over the frames in which it was seen (temporal voting); [`Object::NONE`] without.
     pub track_id: u32,

@@ -9,8 +9,7 @@ use iceoryx2::prelude::ZeroCopySend;
 use crate::error::{Result, check_version, require};
 use crate::{ContractError, REASON_MAX, Stage, Text};
 
-/// The state words. A missing object means that nothing is there in [`StatusState::Running`] and
-/// [`StatusState::Degraded`] alone.
+/// The state words. A missing object means that nothing is there in [`StatusState::Running`] and [`StatusState::Degraded`] alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Contiguous)]
 #[repr(u32)]
 pub enum StatusState {

@@ -43,9 +43,7 @@ pub fn convolve_at<I: Element, O: Element>(
     output_rows: Option<&[u32]>,
     output: &mut [O],
 ) {
-    let Weights {
-        taps, cin, cout, ..
-    } = *weights;
+    let (taps, cin, cout) = (weights.taps, weights.cin, weights.cout);
     let outputs = gather.outputs();
     if outputs == 0 || cout == 0 {
         return;

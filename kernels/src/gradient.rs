@@ -127,10 +127,8 @@ impl Kernel for Part<'_> {
 #[inline(always)]
 fn pack<'a>(output_gradient: &[f32], cout: usize, panel: Panel, rows: &'a mut [f32]) -> &'a [f32] {
     let rows = &mut rows[..output_gradient.len() / cout * panel.width];
-    for (to, from) in rows
-        .chunks_exact_mut(panel.width)
-        .zip(output_gradient.chunks_exact(cout))
-    {
+    let from = output_gradient.chunks_exact(cout);
+    for (to, from) in rows.chunks_exact_mut(panel.width).zip(from) {
         to[..panel.used].copy_from_slice(&from[panel.first..][..panel.used]);
         to[panel.used..].fill(0.0);
     }

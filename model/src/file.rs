@@ -51,9 +51,8 @@ impl Model {
 pub fn read_tensors(bytes: &[u8]) -> Result<(HashMap<String, String>, WeightSet)> {
     let damaged = |cause: SafeTensorError| {
         let length = bytes.len();
-        ModelError::File(format!(
-            "of {length} bytes is damaged or cut short: {cause}"
-        ))
+        let cause = format!("of {length} bytes is damaged or cut short: {cause}");
+        ModelError::File(cause)
     };
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
     let mut weights = WeightSet::new();

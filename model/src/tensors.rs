@@ -150,14 +150,12 @@ fn check_values(name: &str, data: &[f32]) -> Result<()> {
         ("finite", |_| true)
     };
     let is_bad = |value: &f32| !value.is_finite() || !fits(*value);
-    match data.iter().position(is_bad) {
-        None => Ok(()),
-        Some(index) => {
-            let found = data[index];
-            let cause = format!("must be {expected}, found {found} at element {index}");
-            Err(ModelError::tensor(name, cause))
-        }
-    }
+    let Some(index) = data.iter().position(is_bad) else {
+        return Ok(());
+    };
+    let found = data[index];
+    let cause = format!("must be {expected}, found {found} at element {index}");
+    Err(ModelError::tensor(name, cause))
 }
 
 /// Name and shape of every tensor of a network, in the order of its layers.

@@ -172,16 +172,11 @@ impl Setting {
         self.folder.path().join("report")
     }
 
-    /// `mluc bench` on the setting's scans.
-    pub fn bench_command(&self, options: &str) -> Command {
-        self.command(&format!("bench {options}"))
-    }
-
-    /// Starts it, with a report.
+    /// Starts `mluc bench` on the setting's scans, with a report.
     pub fn start_bench(&self, options: &str) -> Running {
         let out = self.report();
-        let options = format!("--out {} {options}", out.display());
-        Running::start(&mut self.bench_command(&options))
+        let words = format!("bench --out {} {options}", out.display());
+        Running::start(&mut self.command(&words))
     }
 
     /// [`Setting::start_bench`] to its end; it must succeed, at most with warnings.

@@ -94,11 +94,6 @@ fn start_by_hand(setting: &Setting, command: &[String]) -> Running {
     Running::start(process.args(&command[1..]))
 }
 
-/// Ends it; gives what it wrote to stderr.
-fn end_by_hand(refiner: Running) -> String {
-    refiner.stop().log
-}
-
 /// A pipeline whose refiner is started by hand: it makes the instance that the refiner joins.
 fn up_without_refiner(setting: &Setting, options: &str) -> Running {
     let mut run = setting.up(&format!("--without refiner {options}"));
@@ -123,7 +118,7 @@ fn a_refiner_is_replaced_by_hand_while_the_others_run() {
     for command in commands {
         let refiner = start_by_hand(&setting, &command);
         run.wait_for_lines(4);
-        end_by_hand(refiner);
+        refiner.stop();
     }
     assert_eq!(run.stages(), others, "nobody else was restarted");
     let run = setting.stop(run);
@@ -143,7 +138,7 @@ fn a_refiner_that_outlives_three_runs_loses_no_frame() {
         for _ in 1..3 {
             runs.push(setting.up("--without refiner").finish());
         }
-        let log = end_by_hand(refiner);
+        let log = refiner.stop().log;
         println!("{command:?}");
         runs.iter().for_each(|run| run.assert_complete(0, 22));
         assert!(!log.contains("message refused"), "{log}");
@@ -162,7 +157,7 @@ fn hostile_sequences_silence_nobody() {
     let run = up_without_refiner(&setting, "");
     let refiner = start_by_hand(&setting, &command);
     let run = run.finish();
-    end_by_hand(refiner);
+    refiner.stop();
     run.assert_complete(0, 6);
     run.assert_says(&["6 in, 6 out, 0 lost", "message refused: objects: sequence"]);
     assert_eq!(leftovers(&setting.instance), [""; 0]);

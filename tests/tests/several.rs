@@ -8,20 +8,17 @@ use serde_json::Value;
 /// The second one hangs upside down, and looks to the left.
 const LIDARS: &str = include_str!("several/lidars.toml");
 
-/// A point of the first sensor as the second one sees it.
-fn in_rear([x, y, z, intensity]: [f32; 4]) -> [f32; 4] {
-    [y - 0.5, x + 1.5, -z - 0.25, intensity]
-}
-
 /// The program's own scans whole, and split between two sensors; the second one has no third scan.
 fn write_scans(setting: &Setting) {
     let folder = setting.folder.path();
+    // A point of the first sensor as the second one sees it.
+    let in_rear = |&[x, y, z, intensity]: &[f32; 4]| [y - 0.5, x + 1.5, -z - 0.25, intensity];
     for name in ["000010", "000080", "000209", "000380"] {
         let path = root().join(format!("services/mluc/assets/{name}.scan"));
         let points = unpack(&std::fs::read(path).expect("a scan")).expect("points");
         let points = points.iter().map(|p| [p.x_m, p.y_m, p.z_m, p.intensity]);
         let (front, rear): (Vec<_>, Vec<_>) = points.partition(|p| p[0] > p[1]);
-        let moved: Vec<_> = rear.iter().copied().map(in_rear).collect();
+        let moved: Vec<_> = rear.iter().map(in_rear).collect();
         let whole = [&front[..], &rear].concat();
         for (sensor, points) in [("whole", whole), ("front", front), ("rear", moved)] {
             let path = folder.join(format!("{sensor}/{name}.bin"));

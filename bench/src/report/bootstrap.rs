@@ -71,11 +71,8 @@ pub(crate) fn scatter(
                 round = &rounds[random.below(rounds.len())];
             }
             let length = round.len().div_ceil(BLOCKS_PER_ROUND).max(1);
-            drawn.extend(
-                resample(round.len(), length, random)
-                    .iter()
-                    .map(|&i| round[i]),
-            );
+            let places = resample(round.len(), length, random);
+            drawn.extend(places.iter().map(|&i| round[i]));
         }
         statistic.of(&mut drawn)
     };

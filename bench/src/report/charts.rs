@@ -6,7 +6,7 @@ use plotters::prelude::*;
 
 use super::frame::{FrameRecord, STAGES, micros};
 use super::page::short;
-use super::series::{Series, series, sorted};
+use super::series::{Series, series};
 
 const WIDTH_PX: u32 = 980;
 const FONT: (&str, u32) = ("sans-serif", 12);
@@ -173,9 +173,8 @@ pub(crate) fn percentile_curves(series: &Series) -> String {
         mesh.x_desc("share of frames that take at most so long");
         mesh.x_labels(4).x_label_formatter(&share);
         mesh.y_desc("ms").y_label_formatter(&time);
-        mesh.label_style(FONT)
-            .light_line_style(TRANSPARENT)
-            .draw()?;
+        mesh.label_style(FONT);
+        mesh.light_line_style(TRANSPARENT).draw()?;
         for (name, color, us) in figures {
             let key = move |(x, y)| Rectangle::new([(x, y - 4), (x + 8, y + 4)], color.filled());
             let line = LineSeries::new(percentile_curve(us), color.stroke_width(2));
@@ -189,7 +188,8 @@ pub(crate) fn percentile_curves(series: &Series) -> String {
 }
 
 fn percentile_curve(us: &[f64]) -> Vec<(f64, f64)> {
-    let ascending = sorted(us);
+    let mut ascending = us.to_vec();
+    ascending.sort_by(f64::total_cmp);
     let at = |step| {
         let decade = f64::from(step) / 50.0;
         let us = quantile(&ascending, 1.0 - 10f64.powf(-decade))?;

@@ -204,9 +204,8 @@ mod tests {
     fn run(frames: u64, seed: u64, more_us: i64) -> Vec<FrameRecord> {
         let mut random = Random::from_state(seed);
         let mut run_us = || 10_000 + more_us + random.below(1000) as i64;
-        (0..frames)
-            .map(|sequence| frame(sequence, run_us()))
-            .collect()
+        let one = |sequence| frame(sequence, run_us());
+        (0..frames).map(one).collect()
     }
 
     fn judged(a: &[FrameRecord], b: &[FrameRecord]) -> Comparison {

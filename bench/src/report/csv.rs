@@ -26,9 +26,8 @@ pub(crate) fn write_frames(frames: &[FrameRecord]) -> String {
     let mut text = format!("{HEAD}\n");
     let us = |ns: i64| format!(",{:.3}", ns as f64 / 1000.0);
     let own_us = |own: Stamps| {
-        [own.received_ns, own.started_ns, own.published_ns]
-            .map(us)
-            .concat()
+        let own_ns = [own.received_ns, own.started_ns, own.published_ns];
+        own_ns.map(us).concat()
     };
     for (frame, latency_us) in frames.iter().zip(latency_us) {
         let (round, sequence, flags) = (frame.round, frame.sequence, &frame.flags);

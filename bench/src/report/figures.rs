@@ -1,12 +1,12 @@
 //! The report as a file for programs: `report.json`, whose keys docs/bench.md lists. `null`: not measured.
 
 use anyhow::ensure;
-use mluc_geometry::quantile;
+use mluc_geometry::quantile_of;
 use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::frame::{FrameRecord, HOPS, STAGES, measured};
-use super::series::{series, sorted};
+use super::series::series;
 
 /// Version of `report.json` and `frames.csv`; another one is refused.
 const REPORT_VERSION: u32 = 1;
@@ -91,16 +91,15 @@ fn first_frame(frames: &[FrameRecord], end_to_end_us: &Value, stages: &Value) ->
 /// By nearest rank of every value, so that no histogram rounds the tail; `None` without values.
 fn at(values: &[f64], q: f64) -> Option<f64> {
     // Thousandths are beyond any clock here.
-    Some((quantile(&sorted(values), q)? * 1000.0).round() / 1000.0)
+    Some((quantile_of(values.to_vec(), q)? * 1000.0).round() / 1000.0)
 }
 
 /// Of any number of values; zeros without any.
 fn percentiles(values: &[f64]) -> Value {
     let names = ["p50", "p90", "p99", "p999", "max"].into_iter();
     let named = names.zip([0.5, 0.9, 0.99, 0.999, 1.0]);
-    named
-        .map(|(name, q)| (name, at(values, q).unwrap_or(0.0)))
-        .collect()
+    let value = |q: f64| at(values, q).unwrap_or(0.0);
+    named.map(|(name, q)| (name, value(q))).collect()
 }
 
 /// Four values as an object.
@@ -136,10 +135,8 @@ mod tests {
         frames[0] = frame(0, 3000);
         frames[0].is_warm_up = true;
         let report = report_of(&frames);
-        assert_eq!(
-            report["frames"],
-            json!({"in": 39, "out": 38, "dropped": 1, "unanswered": 0, "warm_up": 1})
-        );
+        let counts = json!({"in": 39, "out": 38, "dropped": 1, "unanswered": 0, "warm_up": 1});
+        assert_eq!(report["frames"], counts);
         assert_eq!(report["end_to_end_us"]["max"], 104_040.0);
         assert_eq!(report["end_to_end_delivered_us"]["max"], 4040.0);
         assert_eq!(report["first_frame"]["latency_us"], 12_040.0);

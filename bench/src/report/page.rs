@@ -1,14 +1,11 @@
 //! What a person reads: the page (one file, no script, nothing from outside) and the table on a terminal, each by its template.
 
 use anyhow::Result;
-use minijinja::value::Serde;
-use minijinja::{Environment, UndefinedBehavior};
+use minijinja::{Environment, UndefinedBehavior, value::Serde};
 use serde_json::{Value, json};
 
-use super::charts;
-use super::figures::number;
 use super::frame::{FrameRecord, HOPS, STAGES, measured};
-use super::series::series;
+use super::{charts, figures::number, series::series};
 
 /// The page of a report and its frames, warm-up included.
 pub(crate) fn page(report: &Value, frames: &[FrameRecord]) -> Result<String> {
@@ -27,11 +24,8 @@ pub(crate) fn page(report: &Value, frames: &[FrameRecord]) -> Result<String> {
 
 /// Everything that fits on a screen.
 pub(crate) fn table(report: &Value) -> Result<String> {
-    render(
-        "table.txt",
-        include_str!("table.txt"),
-        json!({"report": report}),
-    )
+    let values = json!({"report": report});
+    render("table.txt", include_str!("table.txt"), values)
 }
 
 /// Of a template whose name ends with `html`, texts are escaped.

@@ -97,13 +97,6 @@ fn hand_overs(frame: &FrameRecord, before: Option<&FrameRecord>) -> [Option<f64>
     })
 }
 
-/// Ascending.
-pub(crate) fn sorted(values: &[f64]) -> Vec<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

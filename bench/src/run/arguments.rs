@@ -7,12 +7,8 @@ use serde::Deserialize;
 
 /// Latency of the real processes: a report, and the comparison of two.
 #[derive(Debug, Parser)]
-#[command(
-    name = "mluc-bench",
-    bin_name = "mluc bench",
-    version,
-    args_conflicts_with_subcommands = true
-)]
+#[command(name = "mluc-bench", bin_name = "mluc bench", version)]
+#[command(args_conflicts_with_subcommands = true)]
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Option<Command>,

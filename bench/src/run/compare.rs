@@ -1,15 +1,12 @@
 //! `mluc bench compare A B`.
 
-use std::path::Path;
-use std::process::ExitCode;
+use std::{path::Path, process::ExitCode};
 
 use anyhow::Result;
-use mluc::EXIT_WARNINGS;
-use mluc::terminal::print_out;
+use mluc::{EXIT_WARNINGS, terminal::print_out};
 use serde_json::{Value, json};
 
-use super::arguments::CompareArgs;
-use super::folder;
+use super::{arguments::CompareArgs, folder};
 use crate::report::{Comparison, Verdict, compare};
 
 /// What should be the same in two reports for their difference to mean anything.

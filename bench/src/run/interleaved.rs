@@ -5,13 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
 use anyhow::{Context, Result, ensure};
-use mluc::EXIT_WARNINGS;
-use mluc::terminal::print_out;
+use mluc::{EXIT_WARNINGS, terminal::print_out};
 use serde_json::Value;
 
-use super::compare::compared;
 use super::folder::{self, FOLDERS};
-use super::plan::Plan;
+use super::{compare::compared, plan::Plan};
 use super::{progress, show};
 use crate::report::{FrameRecord, number, report_of};
 use crate::save;
@@ -76,11 +74,8 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
     let (comparison, value) = compared(folders.each_ref().map(|folder| &**folder), names)?;
     let text = comparison.table(names)?;
     save(out, "comparison.txt", &text)?;
-    save(
-        out,
-        "comparison.json",
-        serde_json::to_string_pretty(&value)?,
-    )?;
+    let json = serde_json::to_string_pretty(&value)?;
+    save(out, "comparison.json", json)?;
     print_out(text.trim())?;
     let [a, b] = folders.map(|folder| folder.join("report.html"));
     print_out(format_args!("reports: {}, {}", a.display(), b.display()))?;
@@ -121,9 +116,8 @@ impl Side {
 
     fn add(&mut self, folder: &Path, round: u32) -> Result<()> {
         let (facts, frames) = folder::read(folder)?;
-        let own = frames.into_iter();
-        self.frames
-            .extend(own.map(|frame| FrameRecord { round, ..frame }));
+        let own = |frame: FrameRecord| FrameRecord { round, ..frame };
+        self.frames.extend(frames.into_iter().map(own));
         for warning in facts["warnings"].as_array().into_iter().flatten() {
             let text = warning.as_str().unwrap_or_default();
             self.warnings.push(format!("Round {round}: {text}"));

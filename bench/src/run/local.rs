@@ -3,13 +3,9 @@
 use std::process::ExitCode;
 
 use anyhow::Result;
-use mluc::EXIT_WARNINGS;
-use mluc::terminal::print_out;
+use mluc::{EXIT_WARNINGS, terminal::print_out};
 
-use super::folder;
-use super::measured::Measured;
-use super::plan::Plan;
-use super::quiet::Quiet;
+use super::{folder, measured::Measured, plan::Plan, quiet::Quiet};
 use crate::report::table;
 
 pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {

@@ -5,9 +5,7 @@ use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use super::pipeline::{Recording, record};
-use super::plan::Plan;
-use super::quiet::Quiet;
-use super::round::frames;
+use super::{plan::Plan, quiet::Quiet, round::frames};
 use crate::machine::{describe_build, describe_machine};
 use crate::report::{FrameRecord, HOPS, Resources, STAGES, number, render, report_of};
 

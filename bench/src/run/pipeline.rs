@@ -13,9 +13,7 @@ use mluc_ipc_types::{FrameHeader, Object, Stage, Topic};
 use mluc_runtime::{HealthWatch, Input, Instance, Shell, Shutdown, monotonic_ns};
 use rustix::process::{Pid, Signal, kill_process};
 
-use super::plan::Plan;
-use super::processes::ProcessWatch;
-use super::show;
+use super::{plan::Plan, processes::ProcessWatch, show};
 use crate::machine::children;
 
 /// How often the processes are looked at; a message ends the wait early.
@@ -147,12 +145,8 @@ impl Recorder {
             let other = || children.iter().find(|pid| !pids.contains(pid));
             pids[REFINER] = known.or_else(other).copied().unwrap_or(0);
         }
-        for (pid, found) in self
-            .pids
-            .iter_mut()
-            .zip(pids)
-            .filter(|(_, found)| *found != 0)
-        {
+        let stages = self.pids.iter_mut().zip(pids);
+        for (pid, found) in stages.filter(|(_, found)| *found != 0) {
             self.recording.restarts += u32::from(*pid != 0 && *pid != found);
             *pid = found;
         }
@@ -214,9 +208,8 @@ impl Up {
         if std::env::var_os("MLUC_LOG").is_none() {
             command.env("MLUC_LOG", "error");
         }
-        let process = command
-            .spawn()
-            .with_context(|| format!("starting {}", plan.program.display()))?;
+        let starting = || format!("starting {}", plan.program.display());
+        let process = command.spawn().with_context(starting)?;
         Ok(Up { process, log })
     }
 

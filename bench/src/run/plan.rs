@@ -1,9 +1,7 @@
 //! What is to be measured, resolved and checked before any process is started.
 
-use std::fmt::Display;
-use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::{fmt::Display, ops::RangeInclusive, time::Duration};
 
 use anyhow::{Context, Result};
 use mluc::bundled::BundledScans;
@@ -13,8 +11,7 @@ use mluc::settings::DEFAULT_MODEL;
 use mluc::{UsageError, document, model};
 use mluc_model::Model;
 use mluc_refiner::Variant as RefinerVariant;
-use mluc_sources::Source;
-use mluc_sources::files::Layout;
+use mluc_sources::{Source, files::Layout};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -133,15 +130,11 @@ impl Plan {
         let (input, rate_hz) = (self.input.display().to_string(), self.rate_hz.to_string());
         let precision = self.args.precision.iter().map(|word| ("--precision", word));
         let threads = self.args.threads.iter().map(|word| ("--threads", word));
-        let given = [
-            ("--input", &input),
-            ("--model", &self.model_name),
-            ("--rate", &rate_hz),
-        ];
-        let options = given.into_iter().chain(precision).chain(threads);
-        options
-            .flat_map(|(key, value)| [key.to_string(), value.clone()])
-            .collect()
+        let keys = ["--input", "--model", "--rate"].into_iter();
+        let given = keys.zip([&input, &self.model_name, &rate_hz]);
+        let options = given.chain(precision).chain(threads);
+        let words = options.flat_map(|(key, value)| [key.to_string(), value.clone()]);
+        words.collect()
     }
 
     pub(crate) fn up_arguments(&self, instance: &str) -> Vec<String> {
@@ -149,9 +142,8 @@ impl Plan {
         let words = ["up", "--loop", "--pace", "sensor", "--instance", instance];
         let words = words.into_iter().chain(["--seconds", &seconds]);
         let words = words.map(str::to_string).chain(self.shared_arguments());
-        words
-            .chain(self.refiner_arguments.iter().cloned())
-            .collect()
+        let refiner = self.refiner_arguments.iter().cloned();
+        words.chain(refiner).collect()
     }
 
     pub(crate) fn title(&self) -> String {
@@ -263,9 +255,8 @@ fn with_refiner(mut document: Table, word: &str, file: &Path) -> Result<Vec<Stri
     let mut at = &mut document;
     for key in ["stages", "refiner"] {
         let inner = at.entry(key).or_insert_with(|| Table::new().into());
-        at = inner
-            .as_table_mut()
-            .ok_or_else(|| UsageError(format!("scenario: {key} must be a table")))?;
+        let wrong = || UsageError(format!("scenario: {key} must be a table"));
+        at = inner.as_table_mut().ok_or_else(wrong)?;
     }
     let mut arguments = vec!["--config".to_string(), file.display().to_string()];
     if RefinerVariant::from_name(word).is_some() {

@@ -71,7 +71,7 @@ impl StageWatch {
         let by_second = |from: u64, to: u64| to.saturating_sub(from) as f64 / seconds;
         Resources {
             threads: last.threads,
-            cpu_cores: cores(first, last),
+            cpu_cores: by_second(first.cpu_ns, last.cpu_ns) * 1e-9,
             memory_mib: self.peak_mib[0],
             shared_memory_mib: self.peak_mib[1],
             switches_voluntary_per_s: by_second(first.voluntary, last.voluntary),
@@ -79,11 +79,6 @@ impl StageWatch {
             waiting_for_cpu: by_second(first.waiting_ns, last.waiting_ns) * 1e-9,
         }
     }
-}
-
-fn cores(from: &Counts, to: &Counts) -> f64 {
-    let seconds = (to.at_s - from.at_s).max(1e-3);
-    to.cpu_ns.saturating_sub(from.cpu_ns) as f64 * 1e-9 / seconds
 }
 
 /// `None`: the process is gone.

@@ -2,8 +2,7 @@
 
 use std::time::Instant;
 
-use procfs::process::Process;
-use procfs::{CpuTime, CurrentSI, KernelStats};
+use procfs::{CpuTime, CurrentSI, KernelStats, process::Process};
 use serde_json::{Value, json};
 
 use crate::machine::load;

@@ -105,8 +105,7 @@ impl GroundGrid {
         }
     }
 
-    /// The ground of a scan (x, y, z first, m): z at every node, [`GROUND_NODES`] of them, row by row along x; for
-    /// [`ground_height_m`].
+    /// The ground of a scan (x, y, z first, m): z at every node, [`GROUND_NODES`] of them, row by row along x; for [`ground_height_m`].
     pub fn find(&mut self, points: &[[f32; 4]]) -> &[f32] {
         let mut lowest = std::mem::take(&mut self.lowest);
         lowest.find(points.iter().map(|&[x, y, z, _]| [x, y, z]));
@@ -279,10 +278,8 @@ mod tests {
     #[test]
     fn a_slope_is_followed_between_the_nodes() {
         let slope = |x: f32, y: f32| -1.2 + 0.04 * x - 0.02 * y;
-        let points: Vec<[f32; 4]> = (0..400 * 400)
-            .map(|i| [i / 400, i % 400].map(|i| -50.0 + 0.25 * i as f32))
-            .map(|[x, y]| [x, y, slope(x, y), 0.0])
-            .collect();
+        let places = (0..400 * 400).map(|i| [i / 400, i % 400].map(|i| -50.0 + 0.25 * i as f32));
+        let points: Vec<_> = places.map(|[x, y]| [x, y, slope(x, y), 0.0]).collect();
         let mut grid = GroundGrid::new(1.7);
         let heights_m = grid.find(&points).to_vec();
         for place @ [x, y] in [[0.0, 0.0], [13.3, -27.1], [-39.0, 31.7]] {

@@ -205,11 +205,8 @@ impl Operand for u8 {
     unsafe fn splat<S: Simd>(simd: S, from: *const u8) -> S::Bits {
         let quad = unsafe { from.cast::<u32>().read_unaligned() };
         // Turning the upper bit takes 128 from a byte.
-        simd.splat_bits(if S::SIGNED_BYTES {
-            quad ^ 0x8080_8080
-        } else {
-            quad
-        })
+        let turned = if S::SIGNED_BYTES { 0x8080_8080 } else { 0 };
+        simd.splat_bits(quad ^ turned)
     }
 
     #[inline(always)]

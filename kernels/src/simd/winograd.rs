@@ -181,11 +181,8 @@ impl<'a, I: Tiled> Windows<'a, I> {
         output: &mut Output<O>,
     ) {
         let width = output.columns.len();
-        assert!(
-            width.is_multiple_of(LINE)
-                && width <= PANEL_MAX
-                && output.columns.end <= output.channels
-        );
+        assert!(width.is_multiple_of(LINE) && width <= PANEL_MAX);
+        assert!(output.columns.end <= output.channels);
         assert_eq!(weights.len(), PLACES * I::tap_rows(self.cin) * width);
         assert_eq!(rows.len(), 4 * self.tiles, "rows of {} tiles", self.tiles);
         assert!(scale.len() == width && bias.len() == width);

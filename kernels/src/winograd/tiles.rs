@@ -98,11 +98,8 @@ impl WinogradTiles {
             for x in left..left + 4 {
                 // One more than the coordinates, so that they do not go below 0.
                 let inside = (1..=rows).contains(&y) && (1..=columns).contains(&x);
-                self.inputs.push(if inside {
-                    ((y - 1) * columns + x - 1) as u32
-                } else {
-                    ABSENT
-                });
+                let row = inside.then(|| ((y - 1) * columns + x - 1) as u32);
+                self.inputs.push(row.unwrap_or(ABSENT));
             }
         }
     }

@@ -28,7 +28,7 @@ impl<I: Tiled> WeightsWinograd<I> {
         // G g: what a row of the kernel gives at each of four places.
         let three_to_four = |[a, b, c]: [f64; 3]| [a, (a + b + c) / 2.0, (a - b + c) / 2.0, c];
         let pairs = cin * cout;
-        let mut scale = I::scales([9, cin, cout], |[tap, i, o]| {
+        let scale = I::scales([9, cin, cout], |[tap, i, o]| {
             plain[tap * pairs + i * cout + o]
         });
         let mut transformed = vec![0.0; PLACES * pairs];
@@ -47,10 +47,7 @@ impl<I: Tiled> WeightsWinograd<I> {
         }
         let weight = |[place, i, o]: [usize; 3]| transformed[place * pairs + i * cout + o];
         let mut packed = Weights::scaled([PLACES, cin, cout], vec![1.0; cout], weight);
-        scale
-            .iter_mut()
-            .for_each(|scale| *scale /= I::WEIGHT_FACTOR);
-        packed.scale = scale;
+        packed.scale = scale.iter().map(|one| one / I::WEIGHT_FACTOR).collect();
         Some(WeightsWinograd(packed))
     }
 }

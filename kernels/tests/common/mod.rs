@@ -30,12 +30,10 @@ impl Random {
         absent_percent: usize,
     ) -> Gather {
         let mut entry = || {
-            let absent = inputs == 0 || self.below(100) < absent_percent;
-            if absent {
-                ABSENT
-            } else {
-                self.below(inputs) as u32
+            if inputs == 0 || self.below(100) < absent_percent {
+                return ABSENT;
             }
+            self.below(inputs) as u32
         };
         Gather::new(taps, (0..outputs * taps).map(|_| entry()).collect())
     }

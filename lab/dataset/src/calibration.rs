@@ -1,7 +1,6 @@
 //! Calibration files: named matrices, one a line, row by row.
 
-use super::error::Line;
-use super::{DatasetError, Result, read_text};
+use super::{DatasetError, Result, error::Line, read_text};
 use mluc_geometry::Calibration;
 use std::path::Path;
 

@@ -31,10 +31,8 @@ impl Dataset {
     /// [`Dataset::open`], then of a split only the frames that `root/ImageSets/SPLIT.txt` names, in its order.
     pub fn open_split<'a>(root: &Path, split: impl Into<Option<&'a str>>) -> Result<Dataset> {
         let list = |split: &str| root.join("ImageSets").join(format!("{split}.txt"));
-        split.into().map_or_else(
-            || Dataset::open(root),
-            |split| Dataset::open_listed(root, &list(split)),
-        )
+        let listed = |split: &str| Dataset::open_listed(root, &list(split));
+        split.into().map_or_else(|| Dataset::open(root), listed)
     }
 
     /// [`Dataset::open`], then only the frames that a list names, one a line, in its order.

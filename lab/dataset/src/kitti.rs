@@ -1,8 +1,6 @@
 //! What is special about KITTI's object benchmark: its folders, its splits, its classes.
 
-use super::error::Line;
-use super::scan::check_scan_size;
-use super::{Dataset, DatasetError, Result, read_text};
+use super::{Dataset, DatasetError, Result, error::Line, read_text, scan::check_scan_size};
 use std::path::{Path, PathBuf};
 
 /// Every class that KITTI's labels name.
@@ -81,11 +79,8 @@ impl Splits {
 /// Checks that every frame has its label and calibration file, and a scan of whole points.
 pub fn check_files(dataset: &Dataset) -> Result<()> {
     for name in dataset.names() {
-        let files = [
-            ("labels", dataset.label_path(name)),
-            ("calibration", dataset.calibration_path(name)),
-        ];
-        for (what, path) in files {
+        let paths = [dataset.label_path(name), dataset.calibration_path(name)];
+        for (what, path) in ["labels", "calibration"].into_iter().zip(paths) {
             if !path.is_file() {
                 let (place, found) = (format!("frame {name}"), "no such file");
                 let expected = format!("its {what} in {}", path.display());

@@ -3,8 +3,7 @@
 //! `type truncated occluded alpha left top right bottom height width length x y z rotation_y`, then, in labels, an
 //! optional track id and, in detections, the score (after a track id when there are 17 columns).
 
-use super::error::Line;
-use super::{Result, read_text};
+use super::{Result, error::Line, read_text};
 use mluc_geometry::CameraBox;
 use std::path::Path;
 
@@ -105,6 +104,7 @@ fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label> {
     }
     let three = |first: usize| [0, 1, 2].map(|i| numbers[first + i]);
     let track = columns[15..columns.len() - usize::from(scored)].first();
+    let score = scored.then(|| number(columns.len() - 1, "score"));
     Ok(Label {
         class: columns[0].to_owned(),
         truncated: numbers[1],
@@ -116,9 +116,7 @@ fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label> {
             location_m: three(11),
             rotation_y_rad: numbers[14],
         },
-        score: scored
-            .then(|| number(columns.len() - 1, "score"))
-            .transpose()?,
+        score: score.transpose()?,
         probability: None,
         // -1: none.
         track: track.and_then(|track| track.parse().ok()),

@@ -1,8 +1,7 @@
 //! Files that are there as a whole or not at all: beside their place first, on the disk, then moved.
 
-use std::fs::File;
-use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::{fs::File, io::Write};
 
 /// Writes a file. A crash or a full disk leaves what was there before: the bytes are on the disk (also where a full one is noticed
 /// late) before they take its place. The error is the system's; what was written of the file is removed.

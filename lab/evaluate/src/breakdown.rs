@@ -91,9 +91,8 @@ impl Breakdown {
     ) -> Breakdown {
         let entry = |rule: &ClassRule, bin: usize| {
             let matched = |(frame, binned): (&LabelledFrame, &Binned)| {
-                let [labels, detections] = binned
-                    .each_ref()
-                    .map(|all| all.iter().map(|own| *own == bin).collect());
+                let in_bin = |all: &Vec<usize>| all.iter().map(|own| *own == bin).collect();
+                let [labels, detections] = binned.each_ref().map(in_bin);
                 let bin = InBin { labels, detections };
                 match_frame(frame, rule, Metric::Space, Difficulty::Hard, Some(&bin))
             };

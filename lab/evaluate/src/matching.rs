@@ -81,9 +81,8 @@ fn prepare(
         if small || rule.claims(detection) {
             let devkits = (metric == Metric::Image).then_some(rule.iou_min);
             let share_max = [rule.dont_care_max, devkits].into_iter().flatten();
-            let in_dont_care = share_max
-                .reduce(f64::min)
-                .is_some_and(|max| in_dont_care(frame, &detection.image_box_px, max));
+            let is_there = |max| in_dont_care(frame, &detection.image_box_px, max);
+            let in_dont_care = share_max.reduce(f64::min).is_some_and(is_there);
             candidates.push(Candidate {
                 score: score_of(detection),
                 valid: !small,
@@ -104,12 +103,11 @@ fn prepare(
             Metric::Bev => iou_bev(&boxes[i].1, &upright),
             Metric::Space => iou_3d(&boxes[i].1, &upright),
         };
-        let near: Vec<(usize, f64)> = (0..boxes.len())
-            .map(|i| (i, overlap(i)))
-            .filter(|&(_, overlap)| overlap > rule.iou_min)
-            .collect();
-        near.iter()
-            .for_each(|&(i, _)| candidates[i].near_truth = true);
+        let near = (0..boxes.len()).map(|i| (i, overlap(i)));
+        let near: Vec<_> = near.filter(|near| near.1 > rule.iou_min).collect();
+        for (i, _) in &near {
+            candidates[*i].near_truth = true;
+        }
         truths.push(Truth {
             valid: counts && difficulty.takes(label) && bin.is_none_or(|bin| bin.labels[index]),
             near,

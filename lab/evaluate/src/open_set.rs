@@ -2,9 +2,8 @@
 //! their harmonic mean, and how many unknown objects were taken for known ones (absolute open-set error; Dhamija et al., WACV 2020).
 
 use crate::curve::{Curve, FrameCurve};
-use crate::frame::score_of;
-use crate::matching::match_frame;
 use crate::{AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind};
+use crate::{frame::score_of, matching::match_frame};
 use mluc_dataset::Label;
 use mluc_geometry::{Random, iou_3d, mean_and_spread, mix, resample};
 use rayon::prelude::*;

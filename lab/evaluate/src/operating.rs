@@ -7,12 +7,10 @@
 //! control: the upper 95 % bound of the false objects a scan, not their number, stays below a limit. How far a score, or the probability that the model makes
 //! of it, can be read as one: of the objects in each tenth, the share that lies on a label of their kind. [`Operating::probabilities`] makes a model's table.
 
-use crate::breakdown::range_m;
 use crate::curve::{Curve, FrameCurve};
-use crate::frame::score_of;
 use crate::matching::{in_dont_care, match_frame};
-use crate::report::render;
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind, UNKNOWN};
+use crate::{breakdown::range_m, frame::score_of, report::render};
 use mluc_dataset::Label;
 use mluc_geometry::{Inside, Random, quantile_of, resample};
 use mluc_model::{Probabilities, RangeBand};

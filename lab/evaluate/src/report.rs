@@ -1,10 +1,8 @@
 //! Every class, metric and difficulty at once: figures, JSON for programs, a table for people.
 
-use crate::curve::Curve;
-use crate::matching::match_frames;
 use crate::{AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind};
-use minijinja::Environment;
-use minijinja::value::Serde;
+use crate::{curve::Curve, matching::match_frames};
+use minijinja::{Environment, value::Serde};
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -71,23 +69,7 @@ impl ApReport {
         let mut classes = self.classes.iter();
         classes.find(|class| class.rule.kind == ObjectKind::Unknown)
     }
-}
 
-/// Judges the frames by each rule. The frames' order matters only where scores are equal.
-pub fn evaluate(frames: &[LabelledFrame], rules: &[ClassRule]) -> ApReport {
-    let entry = |rule: &ClassRule, metric, difficulty| {
-        ApEntry::of(&match_frames(frames, rule, metric, difficulty))
-    };
-    let classes = rules.par_iter().map(|rule| ClassReport {
-        rule: rule.clone(),
-        entries: Metric::ALL.map(|metric| Difficulty::ALL.map(|d| entry(rule, metric, d))),
-    });
-    ApReport {
-        classes: classes.collect(),
-    }
-}
-
-impl ApReport {
     /// `{"car/3d/moderate": {"ap_r11": .., "ap_r40": .., "ap_all": ..}, ..}`, with the open-set figures at the top level where there are any, in percent.
     pub fn to_json(&self) -> Value {
         let mut object = Map::new();
@@ -135,6 +117,20 @@ impl ApReport {
             "open_set": self.open_set(),
         });
         render(include_str!("report.txt"), values)
+    }
+}
+
+/// Judges the frames by each rule. The frames' order matters only where scores are equal.
+pub fn evaluate(frames: &[LabelledFrame], rules: &[ClassRule]) -> ApReport {
+    let entry = |rule: &ClassRule, metric, difficulty| {
+        ApEntry::of(&match_frames(frames, rule, metric, difficulty))
+    };
+    let classes = rules.par_iter().map(|rule| ClassReport {
+        rule: rule.clone(),
+        entries: Metric::ALL.map(|metric| Difficulty::ALL.map(|d| entry(rule, metric, d))),
+    });
+    ApReport {
+        classes: classes.collect(),
     }
 }
 

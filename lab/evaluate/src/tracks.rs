@@ -99,11 +99,8 @@ mod tests {
         let scan = |i: u32| {
             let labels = [(10.0, 0), (30.0, 1)].map(|(x_m, n)| numbered(label("Van", x_m), n));
             // Track 4 lies on the first van in every other scan, track 5 on nothing in most; the last object is not followed.
-            let places = [
-                (10.0, 4),
-                ([50.0, 30.0][usize::from(i == 0)], 5),
-                (60.0, 6 + i / 3),
-            ];
+            let second_m = if i == 0 { 30.0 } else { 50.0 };
+            let places = [(10.0, 4), (second_m, 5), (60.0, 6 + i / 3)];
             let objects = places.map(|(x_m, n)| numbered(found_at(x_m, UNKNOWN, 0.5), n));
             let brief = numbered(label("Van", -20.0), 2 + i);
             let alone = found_at(-20.0, UNKNOWN, 0.5);

@@ -15,8 +15,7 @@ use crate::train::{BASE, NETWORKS, command_of};
 use mluc_dataset::{Dataset, data_hash};
 use mluc_evaluate::{EvaluateError, JudgedFrames, LabelledFrame, NeighbourPolicy};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 const FIGURE_5: &str = "Figure 5: AP of the unknown and mAP of the known over the recall of the unknown, one curve a method";
 const FIGURE_6: &str = "Figure 6: the frame with most unknown objects within 32 m, as labelled and as each method sees it; unknown \
@@ -164,9 +163,8 @@ fn data(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
     }
     if data.is_empty() {
         let frames = test.set.names().len();
-        data.push(
-            json!({"split": "test", "frames": frames, "command": "given", "hash": test.hash}),
-        );
+        let hash = &test.hash;
+        data.push(json!({"split": "test", "frames": frames, "command": "given", "hash": hash}));
     }
     Ok(data)
 }

@@ -1,12 +1,10 @@
 //! The outcome of an evaluation, as it is kept between runs.
 
-use crate::Result;
-use crate::layout::write_whole;
+use crate::{Result, layout::write_whole};
 use mluc_evaluate::pipeline::ScoreSeparation;
 use mluc_evaluate::{EvaluateError, Honest, OpenSetFigures, SensorDetection, SweepPoint};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 /// Evaluations by the key of their row, the first seed first.
 pub(crate) type ByRow = BTreeMap<&'static str, Vec<Evaluated>>;

@@ -1,13 +1,9 @@
 //! What a reproduction is asked for, where it shows how far it is, and the frames that its figures are taken on.
 
-use crate::Result;
-use crate::kitti::KittiSource;
-use crate::setting::Sizes;
-use crate::{Layout, Setting, Size};
+use crate::{Layout, Result, Setting, Size, kitti::KittiSource, setting::Sizes};
 use mluc_dataset::{Dataset, data_hash};
 use mluc_evaluate::pipeline::FrameSet;
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::{collections::BTreeMap, path::PathBuf};
 
 /// What a reproduction can be told.
 #[derive(Clone, Debug)]

@@ -1,10 +1,8 @@
 //! The scenes of figure 6: which frames are shown, and what each row found in them.
 
-use crate::Result;
-use crate::evaluate::setting_rules;
 use crate::evaluated::{ByRow, Evaluated};
-use crate::options::TestFrames;
 use crate::report::{DrawnScene, Panel};
+use crate::{Result, evaluate::setting_rules, options::TestFrames};
 use mluc_evaluate::{Difficulty, NeighbourPolicy, ObjectKind, SensorDetection};
 
 /// Columns of figure 6 beside the labels, as far as they were evaluated; of two with one title the first.

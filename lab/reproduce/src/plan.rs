@@ -1,9 +1,8 @@
 //! The steps of a reproduction, in order.
 
-use crate::layout::Run;
-use crate::simulate::Simulation;
 use crate::train::{NETWORKS, NetworkPlan, Training};
 use crate::{Options, Setting};
+use crate::{layout::Run, simulate::Simulation};
 use mluc_dataset::PrepareOptions;
 use mluc_train::NetworkKind;
 
@@ -80,8 +79,7 @@ fn networks(seeds: u64) -> Vec<(&'static NetworkPlan, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::methods::METHODS;
-    use crate::{Layout, Size};
+    use crate::{Layout, Size, methods::METHODS};
     use std::path::PathBuf;
 
     /// The commands of a full plan of three seeds, and what is evaluated.

@@ -1,19 +1,17 @@
 //! Rows on recorded scans, with networks and thresholds from simulated scans alone: nothing is chosen on them.
 
-use crate::evaluate::read_model;
 use crate::evaluated::{ByRow, Evaluated};
-use crate::layout::Layout;
 use crate::methods::{MethodInput, MethodRow, run_method};
 use crate::options::{Screen, TestFrames};
 use crate::{Result, Setting};
+use crate::{evaluate::read_model, layout::Layout};
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, folder_tail, unknown_classes};
 use mluc_evaluate::{
     ClassReport, ClassRule, LabelledFrame, NeighbourPolicy, UNKNOWN_IOUS, UnknownProtocol, evaluate,
 };
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::{collections::BTreeMap, path::PathBuf};
 
 /// Overlaps on recorded scans: smaller than KITTI's, since simulated boxes differ from drawn ones.
 const IOU_MIN: [(&str, f64); 3] = [("car", 0.5), ("pedestrian", 0.25), ("cyclist", 0.25)];

@@ -1,14 +1,12 @@
 //! Taking the steps, one after the other.
 
-use crate::assemble::write_report;
-use crate::evaluate::evaluate_network;
 use crate::options::{Options, Screen, TestFrames, Tests};
 use crate::plan::{Step, Work, plan};
 use crate::train::{RunState, run_state};
 use crate::{Result, Setting};
+use crate::{assemble::write_report, evaluate::evaluate_network};
 use mluc_dataset::prepare;
-use mluc_evaluate::EvaluateError;
-use mluc_evaluate::pipeline::FrameSet;
+use mluc_evaluate::{EvaluateError, pipeline::FrameSet};
 use std::collections::btree_map::Entry;
 
 /// Takes every step whose outcome is not there yet, then writes the report. What is done stays where a step fails.

@@ -1,8 +1,6 @@
 //! The step that simulates a split, if it is not there.
 
-use crate::Result;
-use crate::setting::Sizes;
-use crate::{Layout, Setting};
+use crate::{Layout, Result, Setting, setting::Sizes};
 use mluc_dataset::{read_text, whole_file};
 use mluc_evaluate::EvaluateError;
 use mluc_simulate::{ExportOptions, Split, export};

@@ -1,10 +1,7 @@
 //! The step that trains a network, as the command that a person would give: a run that was interrupted is resumed by the trainer
 //! itself, and a fault in it cannot take the reproduction's state along.
 
-use crate::Result;
-use crate::layout::write_whole;
-use crate::setting::Sizes;
-use crate::{Layout, Setting};
+use crate::{Layout, Result, Setting, layout::write_whole, setting::Sizes};
 use mluc_dataset::read_text;
 use mluc_evaluate::EvaluateError;
 use mluc_model::Model;

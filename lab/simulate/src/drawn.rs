@@ -1,9 +1,7 @@
 //! The sensor of a `sim-any` frame: a real product, or one that never was, and how it is mounted.
 
-use super::mesh::v;
-use super::place::ROBOT_M;
-use super::random::Dice;
 use super::sensor::{Motion, Sensor};
+use super::{mesh::v, place::ROBOT_M, random::Dice};
 use mluc_model::{SensorProfile, SensorUnit};
 
 /// Products that training never sees: thin, middle and dense, for the figures on sensors that are new to a network.

@@ -1,11 +1,8 @@
 //! Sequences: the scene of a frame seen again and again, a tenth of a second apart, while the sensor and some objects move.
 
-use super::footprint::Footprint;
-use super::layout::Layout;
 use super::mesh::{V3, v};
-use super::objects::Habit;
-use super::random::Dice;
 use super::{Class, Turn};
+use super::{footprint::Footprint, layout::Layout, objects::Habit, random::Dice};
 
 /// Time between two turns of the sensor, s.
 const PERIOD_S: f32 = 0.1;

@@ -1,9 +1,8 @@
 //! The vehicle that carries the sensor, as far as the sensor sees it: its roof, deck or cab hides what lies behind. It moves with the sensor.
 
-use super::footprint::Footprint;
 use super::mesh::{METAL, Mesh, RUBBER, solid, up, v};
 use super::place::{ROBOT_M, Room};
-use super::random::Dice;
+use super::{footprint::Footprint, random::Dice};
 use mluc_model::SensorProfile;
 
 /// Without a body that is seen: a car's own ground and free space before it, m.

@@ -3,11 +3,9 @@
 //! Two frames meet here. Sensor frame: x forward, y left, z up, the sensor at the origin. Road frame: u along the road, v to its left from its middle;
 //! the sensor stands at u = 0, v = `lane_m`.
 
-use super::Family;
 use super::mesh::{Mesh, V3, solid, v};
 use super::place::{Room, besides_streets};
-use super::random::Dice;
-use super::sensor::HEIGHT_M;
+use super::{Family, random::Dice, sensor::HEIGHT_M};
 use std::f32::consts::TAU;
 
 /// What kind of place the scene is.

@@ -1,10 +1,9 @@
 //! Labels of a scanned frame: visibility, points in each box, the rectangle in the image.
 
-use super::mesh::V3;
 use super::scan::{Sweep, trace};
 use super::scene::{Scene, Solid};
-use super::sensor::Sensor;
 use super::{Family, SimulatedFrame, SimulatedObject};
+use super::{mesh::V3, sensor::Sensor};
 use mluc_geometry::{Calibration, CalibrationError, ImageSize, pixel_bounds};
 
 /// An object that got no label, because no ray ended on it, or the sensor's own vehicle.

@@ -1,7 +1,6 @@
 //! The places of `sim-any` besides streets: how often each is seen, and the room that some of them are.
 
-use super::ground::Place;
-use super::random::Dice;
+use super::{ground::Place, random::Dice};
 
 /// Sensors below this height ride on small robots, m.
 pub(crate) const ROBOT_M: f32 = 1.35;
@@ -69,9 +68,8 @@ pub(crate) fn besides_streets(sensor_height_m: f32, dice: &mut Dice) -> Option<P
 #[cfg(test)]
 mod tests {
     use super::super::background::Thing::*;
-    use super::super::ground::Ground;
-    use super::super::labels::UNLABELLED;
     use super::super::{Class, Family, SimulatedFrame, Split, Stream, random, turn};
+    use super::super::{ground::Ground, labels::UNLABELLED};
     use super::*;
     use mluc_model::SensorProfile;
 

@@ -23,9 +23,8 @@ pub(crate) struct Sweep {
 pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
     let world = scene.searchable(0..scene.mesh.triangles.len())?;
     let columns = sensor.column_count;
-    let hits: Vec<Option<Hit>> = (0..sensor.beam_count() * columns)
-        .map(|i| trace(&world, sensor, (i / columns, i % columns)))
-        .collect();
+    let hit = |i: usize| trace(&world, sensor, (i / columns, i % columns));
+    let hits: Vec<_> = (0..sensor.beam_count() * columns).map(hit).collect();
     let mut sweep = Sweep {
         points: Vec::with_capacity(hits.len()),
         instances: Vec::with_capacity(hits.len()),
@@ -61,10 +60,8 @@ pub(crate) fn trace(world: &Searchable, sensor: &Sensor, shot: Shot) -> Option<H
     let mut from = 0.0;
     for _ in 0..PASSES_MAX {
         let ray = Ray::new(start + direction * from, direction);
-        let hit =
-            world
-                .mesh
-                .cast_local_ray_and_get_normal(&ray, sensor.range_m[1] - from, false)?;
+        let (mesh, left_m) = (&world.mesh, sensor.range_m[1] - from);
+        let hit = mesh.cast_local_ray_and_get_normal(&ray, left_m, false)?;
         let face = hit.subshape as usize;
         let surface = *world.surfaces.get(face)?;
         let range_m = from + hit.time_of_impact;

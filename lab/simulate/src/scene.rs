@@ -1,9 +1,7 @@
 //! One frame as one triangle mesh, with the surface and the instance of every triangle.
 
-use super::Class;
-use super::ground::Ground;
-use super::layout::Placed;
 use super::mesh::{Mesh, Surface, V3, v};
+use super::{Class, ground::Ground, layout::Placed};
 use mluc_geometry::{Box3, limit_period};
 use parry3d::shape::TriMesh;
 use std::ops::Range;

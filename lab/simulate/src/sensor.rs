@@ -458,9 +458,7 @@ mod tests {
             strays.collect::<Vec<f32>>()
         };
         let [first, second, alone] = [(false, 0), (false, 9), (true, 9)].map(|(o, b)| strays(o, b));
-        let most = first
-            .iter()
-            .fold(0.0, |most: f32, stray| most.max(stray.abs()));
+        let most = first.iter().map(|stray| stray.abs()).fold(0.0, f32::max);
         assert!((0.049..0.0501).contains(&most), "{most}");
         let apart = |other: &[f32]| {
             let apart = first.iter().zip(other).map(|(a, b)| (a - b).abs());

@@ -91,17 +91,17 @@ impl Augmentation {
 /// The sample on the ground of its place; `None` where the place is taken.
 fn place(sample: &Sample, scan: &LabelledScan, pasted: &[Sample]) -> Option<Sample> {
     let bounds = &sample.bounds;
-    let radius = |b: &Box3| b.size_m[0].hypot(b.size_m[1]) / 2.0;
     let is_free = |other: &Box3| {
         let [dx, dy] = [0, 1].map(|i| other.center_m[i] - bounds.center_m[i]);
-        dx.hypot(dy) >= radius(other) + radius(bounds) || intersection_bev_m2(other, bounds) <= 0.0
+        let apart_m = other.half_diagonal_m() + bounds.half_diagonal_m();
+        dx.hypot(dy) >= apart_m || intersection_bev_m2(other, bounds) <= 0.0
     };
     let objects = scan.objects.iter().map(|o| &o.bounds);
     if !objects.chain(pasted.iter().map(|s| &s.bounds)).all(is_free) {
         return None;
     }
     let [x, y, z] = bounds.center_m;
-    let reach = GROUND_RADIUS_M.max(radius(bounds) as f32);
+    let reach = GROUND_RADIUS_M.max(bounds.half_diagonal_m() as f32);
     let is_near =
         |p: &&[f32; 4]| (p[0] - x as f32).abs() < reach && (p[1] - y as f32).abs() < reach;
     let near: Vec<&[f32; 4]> = scan.points.iter().filter(is_near).collect();

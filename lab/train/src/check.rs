@@ -3,10 +3,7 @@
 use mluc_dataset::{Dataset, calibration_hash, check_classes, check_files, data_hash};
 use rayon::prelude::*;
 
-use crate::error::TrainError;
-use crate::log::TrainEvent;
-use crate::settings::TrainSettings;
-use crate::source::ScanSource;
+use crate::{error::TrainError, log::TrainEvent, settings::TrainSettings, source::ScanSource};
 
 /// Scans whose labelled boxes are looked into: scans of other frames, or empty ones, show in the first few.
 const POINT_FRAMES: usize = 20;
@@ -31,9 +28,8 @@ pub(crate) fn validation_split(
         return check(&Dataset::open(&folder)?, settings);
     }
     let folder = folder.display();
-    notify(TrainEvent::Note(format!(
-        "{folder}: no such folder, so the model is not judged while it trains"
-    )));
+    let text = format!("{folder}: no such folder, so the model is not judged while it trains");
+    notify(TrainEvent::Note(text));
     Ok(())
 }
 

@@ -3,16 +3,12 @@
 //! A safetensors file: `parameters`, Adam's moments, and the running statistics one after another; its metadata holds
 //! the steps and the settings. The batches of a step depend on the seed and the step alone, so no random state is kept.
 
-use std::collections::HashMap;
-use std::fmt::Display;
-use std::path::Path;
+use std::{collections::HashMap, fmt::Display, path::Path};
 
 use mluc_model::{ModelError, WeightSet, read_tensors};
 use safetensors::SafeTensorError;
 
-use crate::error::TrainError;
-use crate::run_folder;
-use crate::trainer::TrainState;
+use crate::{error::TrainError, run_folder, trainer::TrainState};
 
 /// A checkpoint that is not one, or not of this run.
 pub(crate) fn wrong(path: &Path, expected: impl Display, found: impl Display) -> TrainError {

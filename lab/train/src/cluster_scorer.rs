@@ -18,10 +18,8 @@ use mluc_refiner::{
 };
 use rayon::prelude::*;
 
-use crate::error::TrainError;
-use crate::mlp::Mlp;
 use crate::optimizer::{Adam, Schedule};
-use crate::source::ScanSource;
+use crate::{error::TrainError, mlp::Mlp, source::ScanSource};
 
 const STEPS: u64 = 400;
 /// Clusters of a step, and which of them are objects: half of all; a tenth of what is proposed, most of which is background.

@@ -3,8 +3,7 @@
 use mluc_geometry::{Box3, Inside};
 use rayon::prelude::*;
 
-use crate::error::TrainError;
-use crate::source::ScanSource;
+use crate::{error::TrainError, source::ScanSource};
 
 /// Fewer points make no object worth pasting (the public SECOND configuration).
 const SAMPLE_POINTS_MIN: usize = 5;

@@ -7,8 +7,7 @@
 use mluc_geometry::Random;
 use mluc_model::{BASELINE, Manifest, WeightSet};
 
-use crate::layers::add;
-use crate::mlp::Mlp;
+use crate::{layers::add, mlp::Mlp};
 
 /// Values of an embedding.
 pub const WIDTH: usize = 16;
@@ -108,10 +107,9 @@ fn row(values: &[f32], i: usize) -> &[f32] {
 
 /// `to += factor * (a - b)`.
 fn add_difference(to: &mut [f32], factor: f32, a: &[f32], b: &[f32]) {
-    let pairs = a.iter().zip(b);
-    to.iter_mut()
-        .zip(pairs)
-        .for_each(|(to, (a, b))| *to += factor * (a - b));
+    for ((to, a), b) in to.iter_mut().zip(a).zip(b) {
+        *to += factor * (a - b);
+    }
 }
 
 impl PointEmbedding {

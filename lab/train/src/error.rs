@@ -1,7 +1,6 @@
 //! What can go wrong in training.
 
-use std::fmt::Display;
-use std::path::Path;
+use std::{fmt::Display, path::Path};
 
 use mluc_dataset::DatasetError;
 

@@ -4,11 +4,8 @@ use std::ops::Range;
 
 use mluc_model::{WeightSet, expected_tensors};
 
-use crate::layers::Layer;
 use crate::network::{Chain, StepInput};
-use crate::plan::Planner;
-use crate::pool::Pool;
-use crate::trainer::TrainState;
+use crate::{layers::Layer, plan::Planner, pool::Pool, trainer::TrainState};
 
 /// Weights in the model file's order of axes.
 pub fn weights(chain: &Chain, state: &TrainState) -> WeightSet {

@@ -7,8 +7,7 @@
 
 use mluc_kernels::{ABSENT, Gather};
 
-use crate::layers::LayerPlan;
-use crate::norm::Tail;
+use crate::{layers::LayerPlan, norm::Tail};
 
 /// The listed cells of a batch of maps.
 #[derive(Clone, Debug)]

@@ -8,10 +8,8 @@ use std::path::{Path, PathBuf};
 
 use mluc_model::{AnchorClass, Manifest, Model, WeightSet};
 
-use crate::error::TrainError;
 use crate::export::{axes, place};
-use crate::layers::Linear;
-use crate::trainer::Trainer;
+use crate::{error::TrainError, layers::Linear, trainer::Trainer};
 
 /// The model file of `path`: itself, or that of a run's folder.
 pub(crate) fn model_path(path: &Path) -> PathBuf {

@@ -1,13 +1,8 @@
 //! The log of a run: `train.jsonl`, a line every few steps.
 
-use std::fs::File;
-use std::io::Write;
-use std::path::PathBuf;
-use std::time::Instant;
+use std::{fs::File, io::Write, path::PathBuf, time::Instant};
 
-use crate::error::TrainError;
-use crate::losses::Losses;
-use crate::settings::TrainSettings;
+use crate::{error::TrainError, losses::Losses, settings::TrainSettings};
 
 /// Steps that one line of the log averages.
 const LOG_STEPS: u64 = 20;

@@ -1,5 +1,4 @@
-//! Batch norm (Ioffe and Szegedy, arXiv 1502.03167) and ReLU over rows, the last of which may stand for many (see
-//! [`crate::halo`]).
+//! Batch norm (Ioffe and Szegedy, arXiv 1502.03167) and ReLU over rows, the last of which may stand for many (see [`crate::halo`]).
 //!
 //! Statistics are those of the dense map: a tail row counts as often as it stands for a cell. In the backward pass the
 //! gradient of a tail row is the **sum** over its cells. Sums, in f64, are taken over parts that the number of rows alone

@@ -4,8 +4,7 @@ use std::f64::consts::TAU;
 
 use mluc_backbone::Backbone;
 use mluc_geometry::{Box3, Random, limit_period};
-use mluc_head::Head;
-use mluc_head::decode;
+use mluc_head::{Head, decode};
 use mluc_model::{Grid, Manifest, Model, Network, model_bytes};
 
 use crate::anchors::Anchors;

@@ -1,9 +1,6 @@
 //! A whole training run: data, steps, log, checkpoints, model file.
 
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::Write;
-use std::path::PathBuf;
+use std::{collections::BTreeMap, fs::File, io::Write, path::PathBuf};
 
 use mluc_model::{Manifest, Model, ModelError, Provenance, VoxelInput, model_bytes};
 use mluc_refiner::ClusterScorer;

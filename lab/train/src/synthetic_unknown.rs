@@ -116,9 +116,8 @@ fn draw<'a>(database: &'a Database, random: &mut Random) -> Option<&'a Sample> {
 fn attempt(database: &Database, classes_m: &[[f64; 3]], random: &mut Random) -> Option<Sample> {
     let sample = draw(database, random)?;
     let mut local = Local::of(sample);
-    let mut factors = ON_ROADS
-        .factors
-        .map(|[low, high]| random.uniform(low.ln(), high.ln()).exp());
+    let factor = |[low, high]: [f64; 2]| random.uniform(low.ln(), high.ln()).exp();
+    let mut factors = ON_ROADS.factors.map(factor);
     if random.uniform(0.0, 1.0) < JOIN_CHANCE {
         let partner =
             (0..DRAWS).find_map(|_| draw(database, random).filter(|p| alike_views(sample, p)))?;

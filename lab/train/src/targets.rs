@@ -13,8 +13,7 @@ use std::ops::Range;
 use mluc_geometry::Box3;
 use mluc_head::decode::{direction_bin, encode};
 
-use crate::anchors::Anchors;
-use crate::scan::LabelledObject;
+use crate::{anchors::Anchors, scan::LabelledObject};
 
 /// Anchors this close to an ignored footprint are ignored.
 const IGNORE_MARGIN_M: f64 = 0.3;

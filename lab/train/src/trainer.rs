@@ -2,14 +2,12 @@
 
 use mluc_model::Network;
 
-use crate::error::TrainError;
-use crate::layers::RunningStatistics;
-use crate::loader::Batch;
-use crate::log::Progress;
 use crate::losses::{self, LossSettings};
 use crate::network::{Chain, Pass, StepInput};
 use crate::optimizer::{Adam, Schedule};
-use crate::pool::Pool;
+use crate::{
+    error::TrainError, layers::RunningStatistics, loader::Batch, log::Progress, pool::Pool,
+};
 
 /// The share of a new batch in the running statistics, once enough batches have been seen. Before, the plain mean of all batches: a short run must not remember
 /// its first weights. At the end of the cycle the rate is nearly 0, so the last 50 batches share one set of weights and the statistics are theirs.

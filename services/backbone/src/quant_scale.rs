@@ -31,10 +31,7 @@ impl QuantScale {
 
     /// Each scale so many times in a row: of channels that are the same ones at several heights.
     pub(crate) fn repeated(&self, times: usize) -> QuantScale {
-        let repeat = |scale: &Vec<f32>| {
-            let scale = scale.iter();
-            scale.flat_map(|one| [*one].repeat(times)).collect()
-        };
+        let repeat = |scale: &Vec<f32>| scale.iter().flat_map(|one| [*one].repeat(times)).collect();
         QuantScale(self.0.as_ref().map(repeat))
     }
 

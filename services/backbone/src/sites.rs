@@ -153,8 +153,7 @@ impl Sites {
         }
     }
 
-    /// Sites before the cell at an address; if the cell is a site: its row number. Of a word in use, after
-    /// [`Sites::finish`].
+    /// Sites before the cell at an address; if the cell is a site: its row number. Of a word in use, after [`Sites::finish`].
     #[inline(always)]
     pub(crate) fn index_at(&self, address: usize) -> u32 {
         let (word, bit) = (address / 64, 1 << (address % 64));

@@ -1,6 +1,7 @@
 //! The sparse 3-D part on one scan (paper section 3.1): voxels, then every layer over its rulebook.
 
 use mluc_geometry::ground::{GroundGrid, ground_height_m};
+use mluc_ipc_types::POINTS_MAX;
 use mluc_model::{Folded, Manifest, Network, VoxelInput, WeightSet};
 use rayon::prelude::*;
 
@@ -58,19 +59,15 @@ impl<V: Value> SparsePart<V> {
         let outputs_max = sites_max[1..].iter().zip(&network.sparse);
         let values_max = outputs_max.map(|(sites, layer)| sites * layer.cout).max();
         let room = || Vec::with_capacity(values_max.unwrap_or(0));
+        let is_local = network.input == VoxelInput::Local;
         Ok(SparsePart {
             first: Convolution::new(&folded(0)?),
             others: others.collect::<Result<_>>()?,
             voxels: Voxels::new(&network.grid),
             books: Rulebooks::new(&network),
             uses_intensity: manifest.uses_intensity,
-            ground: (network.input == VoxelInput::Local)
-                .then(|| GroundGrid::new(manifest.sensor_height_m.into())),
-            levelled: Vec::with_capacity(if network.input == VoxelInput::Local {
-                mluc_ipc_types::POINTS_MAX
-            } else {
-                0
-            }),
+            ground: is_local.then(|| GroundGrid::new(manifest.sensor_height_m.into())),
+            levelled: Vec::with_capacity(if is_local { POINTS_MAX } else { 0 }),
             scale: outputs,
             rows: room(),
             spare: room(),

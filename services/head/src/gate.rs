@@ -105,11 +105,8 @@ mod tests {
             ([0.0, 1.3, 0.6], Some(0.6), (candidate, Logit, 0.6)),
             ([0.0, 1.3, 0.6], Some(0.4), (known, Logit, 0.6)),
         ] {
-            [
-                thresholds.softmax_min,
-                thresholds.eds_normalised_max,
-                thresholds.unknown_min,
-            ] = limits;
+            let t = &mut thresholds;
+            [t.softmax_min, t.eds_normalised_max, t.unknown_min] = limits;
             let (kind, gate) = gate_by(&scores, unknown, &thresholds);
             let found = (kind, gate, threshold_of(gate, &thresholds));
             assert_eq!(found, expected, "{limits:?}, {unknown:?}");

@@ -54,24 +54,21 @@ pub fn exit_code(program: &str, result: anyhow::Result<ExitCode>) -> ExitCode {
 
 /// The program `mluc`; `has_stdout`: whether standard output was open when it was started.
 pub fn main(has_stdout: bool) -> ExitCode {
-    let Cli {
-        command,
-        log_format,
-    } = Cli::parse();
-    if let Some(format) = &log_format {
+    let cli = Cli::parse();
+    if let Some(format) = &cli.log_format {
         choose_log_format(format);
     }
     // A stage writes nothing there.
     if !has_stdout
         && !matches!(
-            command,
+            cli.command,
             Command::Stage(_) | Command::Clean { .. } | Command::Exec { .. }
         )
     {
         print_err("mluc: standard output is closed: results would be lost");
         return ExitCode::from(EXIT_FAILURE);
     }
-    let result = match command {
+    let result = match cli.command {
         Command::Up(args) => commands::up(args),
         Command::Demo { picture, pipeline } => commands::demo(&picture, pipeline),
         Command::Replay { from, pipeline } => commands::replay(pipeline, from),

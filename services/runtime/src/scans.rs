@@ -39,11 +39,7 @@ impl Scans {
 
     fn open(shell: &Shell, kept: usize) -> Result<Scans> {
         Ok(Scans {
-            input: if kept > 0 {
-                shell.input(&Topic::POINTS)?
-            } else {
-                shell.side_input(&Topic::POINTS)?
-            },
+            input: shell.open_input(&Topic::POINTS, kept > 0)?,
             ahead: None,
             held: VecDeque::with_capacity(kept + 1),
             kept,

@@ -239,7 +239,7 @@ impl Shell {
         self.open_input(topic, false)
     }
 
-    fn open_input<T: Payload>(&self, topic: &Topic, wakes: bool) -> Result<Input<T>> {
+    pub(crate) fn open_input<T: Payload>(&self, topic: &Topic, wakes: bool) -> Result<Input<T>> {
         let mut input = Input::open(&self.node, topic, topic.name, wakes)?;
         input.verify_mapping = self.verify_mapping;
         Ok(input)

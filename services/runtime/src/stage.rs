@@ -85,7 +85,8 @@ pub fn run_stage<A: Algorithm>(
             Next::Timeout => continue,
         };
         let mut header = *message.header();
-        begin(stage, &mut header, message.received_ns);
+        let stamps = header.stamps_mut(stage);
+        (stamps.received_ns, stamps.started_ns) = (message.received_ns, monotonic_ns());
         shell.note_frame(Some(header.sequence));
         let input = StageInput {
             elements: message.elements(),
@@ -115,13 +116,6 @@ pub fn run_stage<A: Algorithm>(
         finish(shell, stage, &header)?;
     }
     Ok(shell.state(HealthState::Stopping, "")?)
-}
-
-/// A stage's first two stamps.
-fn begin(stage: Stage, header: &mut FrameHeader, received_ns: u64) {
-    let stamps = header.stamps_mut(stage);
-    stamps.received_ns = received_ns;
-    stamps.started_ns = monotonic_ns();
 }
 
 /// The last stamp, right before the message is handed over.

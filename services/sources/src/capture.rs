@@ -111,19 +111,17 @@ impl Scan {
         let turned = layout.turn();
         for point in &turn.points {
             let [x, y, z] = turned([point.x_m, point.y_m, point.z_m]);
-            let numbers = [x, y, z, point.intensity];
-            self.bytes
-                .extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+            let numbers = [x, y, z, point.intensity].map(f32::to_le_bytes);
+            self.bytes.extend_from_slice(numbers.as_flattened());
         }
         self.name = numbered(sequence);
-        let mut flags = Flags::default();
+        self.flags = Flags::default();
         if turn.packets_lost > 0 || turn.is_partial {
-            flags = flags.with(Flags::DAMAGED_INPUT);
+            self.flags = self.flags.with(Flags::DAMAGED_INPUT);
         }
         if turn.dropped_over_limit > 0 {
-            flags = flags.with(Flags::TRUNCATED);
+            self.flags = self.flags.with(Flags::TRUNCATED);
         }
-        self.flags = flags;
         self.stamp_ns = Some(match turn.clock {
             Clock::Utc | Clock::HourOfSensor => turn.stamp_ns,
             Clock::Ptp | Clock::SensorUptime => turn.received_ns,

@@ -243,13 +243,8 @@ mod tests {
     fn poses_are_found_between_and_a_little_beyond_but_not_over_gaps_and_jumps() {
         let mut trajectory = Trajectory::default();
         // 10 m/s, a jump of a kilometre at 0.3 s, a gap of 5 s.
-        for (time_ms, x_m) in [
-            (0, 0.0),
-            (100, 1.0),
-            (300, 1000.0),
-            (400, 1001.0),
-            (5400, 1.0),
-        ] {
+        let times_ms = [0, 100, 300, 400, 5400];
+        for (time_ms, x_m) in times_ms.into_iter().zip([0.0, 1.0, 1000.0, 1001.0, 1.0]) {
             trajectory.push(1_000_000_000 + time_ms * 1_000_000, ahead(x_m, 0.0));
         }
         for (after_s, x_m) in [

@@ -85,15 +85,12 @@ fn main() -> anyhow::Result<()> {
     let mut publishers = vec![];
     for (place, name, encoding) in &KEYS[..KEYS.len() - usize::from(!cli.points)] {
         let is_cloud = *place == 0;
+        let priority = [Priority::RealTime, Priority::DataLow][usize::from(is_cloud)];
         let publisher = session
             .declare_publisher(format!("{prefix}/{name}"))
             .encoding(encoding.clone())
             .congestion_control(CongestionControl::Drop)
-            .priority(if is_cloud {
-                Priority::DataLow
-            } else {
-                Priority::RealTime
-            })
+            .priority(priority)
             .express(!is_cloud);
         publishers.push((*place, told("--prefix", publisher.wait())?));
     }

@@ -192,14 +192,16 @@ impl Tested {
         }
     }
 
-    /// Asks it to end; gives how long that took, ms.
-    pub(crate) fn terminate(&mut self) -> anyhow::Result<u128> {
+    /// Asks it to end; says how long that took.
+    pub(crate) fn terminate(&mut self) -> anyhow::Result<String> {
         let begun = Instant::now();
         self.program()?.signal(Signal::TERM);
-        match self.program()?.end_within(END_PATIENCE) {
+        let ended = self.program()?.end_within(END_PATIENCE);
+        let took_ms = begun.elapsed().as_millis();
+        match ended {
             None => bail!("still running {END_PATIENCE:?} after SIGTERM"),
             Some(status) if !status.success() => bail!("{status} after SIGTERM"),
-            Some(_) => Ok(begun.elapsed().as_millis()),
+            Some(_) => Ok(format!("ended {took_ms} ms after SIGTERM")),
         }
     }
 }

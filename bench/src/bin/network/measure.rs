@@ -26,11 +26,8 @@ pub(crate) fn measure(
     let (mut cells, mut rows) = (vec![1; cells_max], vec![1.0; cells_max * channels]);
     let mut detections = Vec::with_capacity(manifest.thresholds.boxes_max as usize);
     let scorer = ClusterScorer::of_model(weights);
-    let mut refiner = Refiner::with_scorer(
-        Settings::default(),
-        &Sensor::from_manifest(manifest)?,
-        scorer,
-    )?;
+    let sensor = Sensor::from_manifest(manifest)?;
+    let mut refiner = Refiner::with_scorer(Settings::default(), &sensor, scorer)?;
     let mut refined = RefinerOutput::default();
     let last_sparse = manifest.network.sparse.last();
     let last_sparse = last_sparse.map_or("", |layer| &layer.name);

@@ -102,18 +102,14 @@ unsafe fn transposed(rows: [__m512i; 16]) -> [__m512i; 16] {
         let mut columns = rows;
         for k in 0..4 {
             let [a, b, c, d] = [0, 1, 2, 3].map(|g| fours[4 * g + k]);
-            let ab = [
-                _mm512_shuffle_i32x4::<0x44>(a, b),
-                _mm512_shuffle_i32x4::<0xEE>(a, b),
-            ];
-            let cd = [
-                _mm512_shuffle_i32x4::<0x44>(c, d),
-                _mm512_shuffle_i32x4::<0xEE>(c, d),
-            ];
-            columns[k] = _mm512_shuffle_i32x4::<0x88>(ab[0], cd[0]);
-            columns[4 + k] = _mm512_shuffle_i32x4::<0xDD>(ab[0], cd[0]);
-            columns[8 + k] = _mm512_shuffle_i32x4::<0x88>(ab[1], cd[1]);
-            columns[12 + k] = _mm512_shuffle_i32x4::<0xDD>(ab[1], cd[1]);
+            let ab_low = _mm512_shuffle_i32x4::<0x44>(a, b);
+            let ab_high = _mm512_shuffle_i32x4::<0xEE>(a, b);
+            let cd_low = _mm512_shuffle_i32x4::<0x44>(c, d);
+            let cd_high = _mm512_shuffle_i32x4::<0xEE>(c, d);
+            columns[k] = _mm512_shuffle_i32x4::<0x88>(ab_low, cd_low);
+            columns[4 + k] = _mm512_shuffle_i32x4::<0xDD>(ab_low, cd_low);
+            columns[8 + k] = _mm512_shuffle_i32x4::<0x88>(ab_high, cd_high);
+            columns[12 + k] = _mm512_shuffle_i32x4::<0xDD>(ab_high, cd_high);
         }
         columns
     }

@@ -5,9 +5,8 @@
 use crate::{EvaluateError, Result, SensorDetection};
 use mluc_ipc_types::WIRE_VERSION;
 use serde::Deserialize;
-use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Read};
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 /// Longest line, bytes: some twenty times 512 objects with footprints.
 const LINE_BYTES_MAX: u64 = 8 << 20;
@@ -57,9 +56,8 @@ pub fn read_json_lines(path: &Path) -> Result<BTreeMap<String, Vec<SensorDetecti
 fn parse(bytes: &[u8]) -> Result<Line, String> {
     let line: Line = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
     if let Some(found) = line.wire.filter(|&wire| wire != WIRE_VERSION) {
-        return Err(format!(
-            "field wire: expected {WIRE_VERSION}, found {found}"
-        ));
+        let what = format!("field wire: expected {WIRE_VERSION}, found {found}");
+        return Err(what);
     }
     let mut sizes = line.objects.iter().flat_map(|o| o.box_in_sensor.size_m);
     match sizes.find(|v| !(v.is_finite() && *v > 0.0)) {

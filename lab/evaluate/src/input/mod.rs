@@ -12,9 +12,8 @@ use mluc_dataset::{file_stems, read_calibration, read_detections, read_labels, r
 use mluc_geometry::ImageSize;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
-use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use std::{fs::File, io::BufReader};
 
 /// One folder of labels and what was detected there.
 #[derive(Clone, Debug)]
@@ -127,9 +126,8 @@ fn lines(source: &Source) -> Result<Option<Lines<'_>>> {
         return Ok(None);
     }
     if !path.exists() {
-        return fault(
-            "expected a folder of detection files or a file of JSON lines, found nothing",
-        );
+        let what = "expected a folder of detection files or a file of JSON lines, found nothing";
+        return fault(what);
     }
     let Some(calibrations) = &source.calibration else {
         return fault(

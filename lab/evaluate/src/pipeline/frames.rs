@@ -1,8 +1,7 @@
 //! The labelled frames that a model is judged on.
 
 use super::ModelGate;
-use crate::input::image_size_beside;
-use crate::{EvaluateError, FrameTruth, Result};
+use crate::{EvaluateError, FrameTruth, Result, input::image_size_beside};
 use mluc_dataset::{Dataset, DatasetError};
 use mluc_head::Detection;
 use mluc_ipc_types::{POINTS_MAX, Point};

@@ -4,8 +4,7 @@
 //! one on a score that is low for the unknown, and 0 is the closed set.
 
 use super::DetectedFrame;
-use crate::sweep::quantile_grid;
-use crate::{SweepPoint, best_index};
+use crate::{SweepPoint, best_index, sweep::quantile_grid};
 use mluc_head::{Detection, gate};
 use mluc_ipc_types::{DetectionKind, GateKind};
 use mluc_model::{HeadKind, Model, Thresholds};

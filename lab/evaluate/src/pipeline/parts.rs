@@ -37,12 +37,11 @@ pub fn write_part(
     frames: &[DetectedFrame],
 ) -> Result<()> {
     let entries = set.names().iter().zip(frames);
+    let entries = entries.map(|(name, frame)| (name.clone(), frame.detections.len()));
     let contents = Contents {
         wire: WIRE_VERSION,
         made_with: made_with(model, precision),
-        frames: entries
-            .map(|(name, frame)| (name.clone(), frame.detections.len()))
-            .collect(),
+        frames: entries.collect(),
     };
     let head = serde_json::to_string(&contents).map_err(|e| EvaluateError::file(path, e))? + "\n";
     let mut bytes = head.into_bytes();
@@ -53,8 +52,7 @@ pub fn write_part(
     written.map_err(|cause| EvaluateError::file(path, format!("cannot be written: {cause}")))
 }
 
-/// The frames of a set as parts have them: each frame in one part, and no other frames. They are those that
-/// [`super::detect_frames`] gives, bit for bit.
+/// The frames of a set as parts have them: each frame in one part, and no other frames. They are those that [`super::detect_frames`] gives, bit for bit.
 pub fn read_parts(
     paths: &[PathBuf],
     model: &Model,
@@ -105,9 +103,8 @@ fn read_part(path: &Path, expected: &str) -> Result<Vec<(String, Vec<Detection>)
         let size = count.checked_mul(size_of::<Detection>());
         let Some((boxes, behind)) = size.and_then(|size| rest.split_at_checked(size)) else {
             let left = rest.len();
-            return Err(fault(format!(
-                "frame {name}: expected {count} boxes, found {left} bytes"
-            )));
+            let what = format!("frame {name}: expected {count} boxes, found {left} bytes");
+            return Err(fault(what));
         };
         let boxes = boxes.chunks_exact(size_of::<Detection>());
         let boxes = boxes.map(bytemuck::pod_read_unaligned).collect();

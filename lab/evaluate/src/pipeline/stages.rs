@@ -60,10 +60,7 @@ impl SensorDetection {
         SensorDetection {
             kind: ObjectKind::Unknown,
             class: UNKNOWN.to_owned(),
-            score: f64::from(score),
-            probability: None,
-            track: None,
-            box_in_sensor: place,
+            ..SensorDetection::known(0, &[], score, place)
         }
     }
 

@@ -1,12 +1,11 @@
 //! The open-set figures: of the whole and of parts of a data set, at many thresholds of the gate, and the choice of one.
 
-use crate::open_set::unknown_as_known;
-use crate::pipeline::ModelGate;
 use crate::sweep::{quantile_grid, sweep};
 use crate::{
     ClassRule, FrameTruth, JudgedFrames, JudgedPoint, LabelledFrame, NeighbourPolicy, ObjectKind,
     SensorDetection, SweepPoint, UnknownProtocol, best_index, evaluate, honest,
 };
+use crate::{open_set::unknown_as_known, pipeline::ModelGate};
 use mluc_dataset::Label;
 use mluc_geometry::{Box3, Calibration, ImageSize};
 
@@ -42,9 +41,7 @@ impl Kept {
             kind: [ObjectKind::Known, ObjectKind::Unknown][usize::from(self.gate < threshold)],
             class: "car".to_owned(),
             score: self.score,
-            probability: None,
-            track: None,
-            box_in_sensor: self.shape,
+            ..SensorDetection::unknown(0.0, self.shape)
         }
     }
 }

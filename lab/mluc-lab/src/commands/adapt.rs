@@ -9,8 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use clap::Args;
 use mluc_backbone::Precision;
-use mluc_dataset::Dataset;
-use mluc_dataset::whole_file::write_whole;
+use mluc_dataset::{Dataset, whole_file::write_whole};
 use mluc_evaluate::pipeline::{
     DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_profiles, detect_frames, judge,
     write_precisions, write_profiles,

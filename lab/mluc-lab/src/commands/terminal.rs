@@ -1,11 +1,10 @@
 //! What commands print, and what their options share. A terminal or file that is full or closed must not stop the work.
 
 use mluc_dataset::whole_file::write_whole;
-use std::fmt::Display;
 use std::io::{IsTerminal, Write, stderr, stdout};
-use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+use std::{fmt::Display, path::Path};
 
 use anyhow::Context;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -41,10 +40,9 @@ pub(crate) struct Progress {
 impl Progress {
     pub(crate) fn new(what: &str, total: u64, style: &str) -> Progress {
         let style = ProgressStyle::with_template(style).expect("a constant template");
+        let bar = ProgressBar::new(total).with_style(style);
         Progress {
-            bar: ProgressBar::new(total)
-                .with_message(what.to_owned())
-                .with_style(style),
+            bar: bar.with_message(what.to_owned()),
             is_terminal: stderr().is_terminal(),
             last: Mutex::default(),
         }

@@ -89,11 +89,9 @@ fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> anyhow::Result<Import
         };
         bail!("tensor `{tensor}`{others}: expected a layer of SECOND, found none of that name");
     }
-    let sparse: Vec<_> = found
-        .iter()
-        .filter_map(|(.., shape, tensor)| Some((five(shape)?, tensor.shape.clone())))
-        .collect();
-    let layout = SparseLayout::of(&sparse);
+    let sparse = found.iter();
+    let sparse = sparse.filter_map(|(.., shape, t)| Some((five(shape)?, t.shape.clone())));
+    let layout = SparseLayout::of(&sparse.collect::<Vec<_>>());
     for (ours, theirs, shape, tensor) in found {
         let tensor = fitted(&theirs, &shape, tensor, layout)?;
         weights.insert(ours, tensor.shape, tensor.data);
@@ -127,10 +125,8 @@ fn fitted(
             SparseLayout::ALL.map(|layout| layout.shape(ours))
         ),
     };
-    bail!(
-        "tensor `{name}`: expected shape {expected}, found {:?}",
-        tensor.shape
-    )
+    let found = tensor.shape;
+    bail!("tensor `{name}`: expected shape {expected}, found {found:?}")
 }
 
 /// The order of axes of a sparse convolution's weights: it changed between versions of spconv, and a file does not say which it has.

@@ -100,9 +100,8 @@ fn an_export_comes_back_bit_by_bit() -> Fallible {
         comes_back(&bytes)?;
     }
     // A file may have been written by an older version.
-    comes_back(include_bytes!(
-        "../../../../weights/paper/kitti.safetensors"
-    ))
+    let older = include_bytes!("../../../../weights/paper/kitti.safetensors");
+    comes_back(older)
 }
 
 /// The same model gives the same bytes.

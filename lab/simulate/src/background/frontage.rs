@@ -1,8 +1,7 @@
 //! What stands along both sides of a road: houses, walls, fences, hedges; and houses further back.
 
-use super::super::layout::half_turn;
 use super::super::mesh::{GLASS, Mesh, Surface, mirrored, porous, solid, up, v};
-use super::super::random::Dice;
+use super::super::{layout::half_turn, random::Dice};
 use super::variety::facade;
 use super::vegetation::{bush, thicket};
 use super::{Family, Place, Thing, Yard, built};

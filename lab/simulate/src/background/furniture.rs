@@ -1,8 +1,7 @@
 //! Street furniture, at rates per 100 m of road.
 
 use super::super::mesh::{GLASS, LEAVES, METAL, Mesh, RETRO, RUBBER, solid, up, v};
-use super::super::objects::bicycle;
-use super::super::random::Dice;
+use super::super::{objects::bicycle, random::Dice};
 use super::{Builder, Thing, Yard, built};
 
 /// Kind, how it is built, and how many stand along 100 m (towns, industry).

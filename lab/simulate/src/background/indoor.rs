@@ -2,8 +2,7 @@
 
 use super::super::layout::places::{AISLE_M, BAY_M};
 use super::super::mesh::{GLASS, METAL, Mesh, Surface, solid, up, v};
-use super::super::place::Room;
-use super::super::random::Dice;
+use super::super::{place::Room, random::Dice};
 use super::confusers::{cabinet, covered, pallets};
 use super::furniture::bin;
 use super::{Builder, Place, Thing, Yard, built};

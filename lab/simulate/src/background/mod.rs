@@ -8,13 +8,10 @@ mod outdoor;
 mod variety;
 mod vegetation;
 
-use super::footprint::Footprint;
 use super::ground::{Ground, Place};
-use super::layout::Layout;
 use super::mesh::{Mesh, V3, v};
-use super::random::Dice;
-use super::scene::Scene;
 use super::{Family, Step};
+use super::{footprint::Footprint, layout::Layout, random::Dice, scene::Scene};
 
 /// Kinds of background, for the instance file: 0x8000 + kind.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,8 +1,7 @@
 //! Open places: the lamps and islands of a car park, the stacks and piles of a depot, and the growth along a path.
 
-use super::super::layout::places::AISLE_M;
 use super::super::mesh::{Mesh, V3, porous, solid, up, v};
-use super::super::random::Dice;
+use super::super::{layout::places::AISLE_M, random::Dice};
 use super::confusers::{container, covered, dumpster, gas_tank, pallets};
 use super::furniture::{bench, pole, shelter, sign};
 use super::indoor::machine;

@@ -1,12 +1,9 @@
 //! What streets of `sim-any` have besides: guard rails, long walls and fences on rising ground, rows of bicycles, posts near people, depth in facades.
 
-use super::super::Class;
 use super::super::layout::{Placed, half_turn};
 use super::super::mesh::{METAL, Mesh, porous, solid, up, v};
-use super::super::objects::street;
-use super::super::random::Dice;
-use super::furniture::bicycles;
-use super::{Thing, Yard, built};
+use super::super::{Class, objects::street, random::Dice};
+use super::{Thing, Yard, built, furniture::bicycles};
 use std::f32::consts::{FRAC_PI_2, TAU};
 
 /// What stands nearer to the road than its frontage, and long lines behind it.

@@ -1,8 +1,7 @@
 //! Cars in several body styles, and vans: a lofted lower body with wheel arches, a glazed cabin, wheels, seats, mirrors.
 
-use super::super::Family;
 use super::super::mesh::{GLASS, INTERIOR, Mesh, Surface, V3, mirrored, solid, v};
-use super::super::random::Dice;
+use super::super::{Family, random::Dice};
 use super::Model;
 use super::vehicle::{axle, occupant, paint, plate_and_lamps, seat};
 

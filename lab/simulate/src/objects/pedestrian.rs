@@ -1,8 +1,7 @@
 //! Pedestrians: walking or standing, sometimes bent, with a bag, an umbrella or a stroller.
 
-use super::super::Family;
 use super::super::mesh::{METAL, Mesh, RUBBER, SKIN, Surface, circle, solid, v};
-use super::super::random::Dice;
+use super::super::{Family, random::Dice};
 use super::Model;
 
 /// A person of 1.76 m on average, in any phase of the step.

@@ -8,9 +8,7 @@ mod boxes;
 mod cells;
 mod objectness;
 
-use crate::batch_targets::BatchTargets;
-use crate::network::Outputs;
-use crate::plan::MapPlan;
+use crate::{batch_targets::BatchTargets, network::Outputs, plan::MapPlan};
 
 /// The settings of the losses on cells (paper section 3.2).
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]

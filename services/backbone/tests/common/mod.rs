@@ -5,6 +5,8 @@ use mluc_backbone::{Backbone, BackboneError, Coverage, Frame, Precision};
 use mluc_model::{Grid, Manifest, Network, WeightSet, formula_uniform, formula_weights};
 use mluc_train::quantize::measure_ranges;
 
+pub(crate) type Run<T> = Result<T, BackboneError>;
+
 /// A map of 24 x 40 cells.
 pub(crate) fn manifest() -> Manifest {
     let grid = Grid::kitti_compact().within([0.0, 16.0], [-4.8, 4.8]);
@@ -37,18 +39,12 @@ pub(crate) fn calibrated(manifest: &Manifest) -> WeightSet {
 }
 
 /// Of a model with calibrated weights.
-pub(crate) fn backbone(
-    manifest: &Manifest,
-    precision: Precision,
-) -> Result<Backbone, BackboneError> {
+pub(crate) fn backbone(manifest: &Manifest, precision: Precision) -> Run<Backbone> {
     Backbone::with_precision(manifest, &calibrated(manifest), precision)
 }
 
 /// Cells and values of a frame's feature rows.
-pub(crate) fn written(
-    backbone: &Backbone,
-    frame: Frame,
-) -> Result<(Vec<u32>, Vec<f32>), BackboneError> {
+pub(crate) fn written(backbone: &Backbone, frame: Frame) -> Run<(Vec<u32>, Vec<f32>)> {
     let mut cells = vec![0; frame.rows];
     let mut rows = vec![f32::NAN; frame.rows * backbone.feature_channels()];
     backbone.write_rows(&mut cells, &mut rows)?;
@@ -61,7 +57,7 @@ pub(crate) fn check_coverage(
     backbone: &mut Backbone,
     empty: &[f32],
     points: &[[f32; 4]],
-) -> Result<(Frame, usize), BackboneError> {
+) -> Run<(Frame, usize)> {
     let channels = backbone.feature_channels();
     let frame = backbone.run(points);
     let (cells, rows) = written(backbone, frame)?;

@@ -41,13 +41,8 @@ pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Res
         models: None,
     };
     let outcome = run(args, settings, shutdown, &mut compared)?;
-    let Compared {
-        same,
-        other,
-        degraded,
-        without,
-        ..
-    } = compared;
+    let (same, other) = (compared.same, compared.other);
+    let (degraded, without) = (compared.degraded, compared.without);
     print_err(format_args!(
         "frames: {same} with the recorded objects, {other} with others, {degraded} recorded with a part of the work left out and \
          {without} of which not all was recorded (not compared), {} lost",

@@ -25,9 +25,7 @@ pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
         summary: Summary::default(),
     };
     let outcome = run(args, settings, shutdown.clone(), &mut lines)?;
-    let Lines {
-        writer, summary, ..
-    } = lines;
+    let (writer, summary) = (lines.writer, lines.summary);
     let written = writer.finish(|| shutdown.is_requested());
     print_err(outcome.latencies.table().trim_end());
     print_err(hops(&outcome.status).trim_end());

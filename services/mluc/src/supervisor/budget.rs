@@ -156,11 +156,8 @@ mod tests {
         let mut header = FrameHeader::new(0, "a");
         header.stages[Stage::Refiner as usize].published_ns = 90_000_000;
         // Waiting and computing; the refiner knows that it was late.
-        for (waited_ms, flags) in [
-            (4, Flags::default()),
-            (5, Flags::default()),
-            (5, Flags::LATE),
-        ] {
+        let none = Flags::default();
+        for (waited_ms, flags) in [(4, none), (5, none), (5, Flags::LATE)] {
             let head = &mut header.stages[Stage::Head as usize];
             head.started_ns = waited_ms * 1_000_000;
             head.published_ns = head.started_ns + 6_000_000;

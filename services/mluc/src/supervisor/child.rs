@@ -12,6 +12,7 @@ use mluc_runtime::{
     monotonic_ns,
 };
 use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};
+use smart_default::SmartDefault;
 
 use super::predecessor::{MARK, mark};
 use crate::EXIT_USAGE;
@@ -38,11 +39,14 @@ pub(super) enum Ended {
     Died(Option<u64>),
 }
 
+#[derive(SmartDefault)]
 pub(super) struct Child {
+    #[default(Stage::Ingest)]
     pub(super) stage: Stage,
     process: Option<Process>,
     started_ns: u64,
     due: Option<Instant>,
+    #[default(DELAY_FIRST)]
     delay: Duration,
     was_ready: bool,
     /// A frame since its start.
@@ -75,24 +79,7 @@ impl Child {
     pub(super) fn new(stage: Stage) -> Child {
         Child {
             stage,
-            process: None,
-            started_ns: 0,
-            due: None,
-            delay: DELAY_FIRST,
-            was_ready: false,
-            has_published: false,
-            frames_before: 0,
-            run_max_us: 0,
-            pid_before: 0,
-            group_before: None,
-            is_killed: false,
-            was_stopped: false,
-            oom_kills_before: 0,
-            failures: 0,
-            deaths: VecDeque::new(),
-            is_crash_loop: false,
-            is_foreign: false,
-            is_silence_reported: false,
+            ..Child::default()
         }
     }
 

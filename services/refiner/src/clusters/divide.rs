@@ -46,6 +46,11 @@ impl Piece {
     fn range(&self) -> Range<usize> {
         self.first as usize..self.end as usize
     }
+
+    /// With other cells.
+    fn with(self, first: u32, end: u32) -> Piece {
+        Piece { first, end, ..self }
+    }
 }
 
 /// Divides frame after frame; buffers are reused.
@@ -174,11 +179,7 @@ impl Divider {
     fn push_parts(&mut self, cells: &Cells, piece: Piece) {
         let mut first = piece.first;
         for end in cells.ends.iter().map(|end| piece.first + end) {
-            self.pending.push(Piece {
-                first,
-                end,
-                ..piece
-            });
+            self.pending.push(piece.with(first, end));
             first = end;
         }
     }
@@ -214,11 +215,7 @@ impl Divider {
                 self.order.copy_within(part.range(), upright_end as usize);
                 let first = upright_end;
                 upright_end += part.end - part.first;
-                self.done.push(Piece {
-                    first,
-                    end: upright_end,
-                    ..part
-                });
+                self.done.push(part.with(first, upright_end));
             } else {
                 self.scratch.extend_from_slice(&self.order[part.range()]);
             }
@@ -261,10 +258,8 @@ impl Divider {
             let own = &self.order[first as usize..piece.end as usize];
             let end = first + own.partition_point(|&cell| slice(cell) == here) as u32;
             self.done.push(Piece {
-                first,
-                end,
                 is_cut: count > 1.0,
-                ..piece
+                ..piece.with(first, end)
             });
             first = end;
         }

@@ -145,40 +145,31 @@ impl ClusterFinder {
         is_known: &[bool],
         tiles: impl Iterator<Item = usize>,
     ) {
-        let ClusterFinder {
-            settings,
-            ground,
-            cells,
-            divider,
-            cluster_of_cell,
-            standing,
-            ..
-        } = self;
-        let ground_m = ground.heights_m();
-        cells.clear();
-        let low = settings.ground_clearance_m as f32;
-        let high = settings.height_max_m as f32;
+        let ground_m = self.ground.heights_m();
+        self.cells.clear();
+        let low = self.settings.ground_clearance_m as f32;
+        let high = self.settings.height_max_m as f32;
         let mut add = |cells: &mut Cells, tile: usize| {
-            standing.clear();
+            self.standing.clear();
             for (point, height) in heights(ground_m, frame, tile) {
                 let is_known = || is_known.get(point.index as usize) == Some(&true);
                 if height >= low && height <= high && !is_known() {
-                    standing.push(*point);
+                    self.standing.push(*point);
                 }
             }
-            cells.add_tile(tile, standing);
+            cells.add_tile(tile, &self.standing);
         };
         for tile in tiles {
-            if !cells.has_tile(tile) {
-                add(cells, tile);
+            if !self.cells.has_tile(tile) {
+                add(&mut self.cells, tile);
             }
         }
-        divider.divide(cells, add);
-        cluster_of_cell.clear();
-        cluster_of_cell.resize(cells.cells.len(), NO_CLUSTER);
-        for (number, piece) in divider.pieces().iter().enumerate() {
-            for &cell in divider.cells_of(piece) {
-                cluster_of_cell[cell as usize] = number as u32;
+        self.divider.divide(&mut self.cells, add);
+        self.cluster_of_cell.clear();
+        (self.cluster_of_cell).resize(self.cells.cells.len(), NO_CLUSTER);
+        for (number, piece) in self.divider.pieces().iter().enumerate() {
+            for &cell in self.divider.cells_of(piece) {
+                self.cluster_of_cell[cell as usize] = number as u32;
             }
         }
     }
@@ -244,10 +235,8 @@ fn heights<'a>(
     frame.points_in(tile).iter().map(move |point| {
         let at = point.at_m;
         let (u, v) = (at[0] - x, at[1] - y);
-        (
-            point,
-            at[2] - (a + u * (b - a) + v * (c - a + u * (d - c - b + a))),
-        )
+        let floor = a + u * (b - a) + v * (c - a + u * (d - c - b + a));
+        (point, at[2] - floor)
     })
 }
 

@@ -13,9 +13,8 @@ pub(super) struct Places {
 impl Default for Places {
     fn default() -> Places {
         // One more: a part of a row is read from two words.
-        Places {
-            words: vec![0; SIDE * SIDE / WORD + 1],
-        }
+        let words = vec![0; SIDE * SIDE / WORD + 1];
+        Places { words }
     }
 }
 

@@ -94,13 +94,12 @@ impl PointCloud2<'_> {
                 let expected = format!("{bytes} bytes within {stride}");
                 return Err(fault("offset", &expected, start));
             }
-            let column = Column {
+            table.columns.push(Column {
                 name,
                 kind,
                 start,
                 stride,
-            };
-            table.columns.push(column);
+            });
         }
         Ok(table)
     }

@@ -78,16 +78,13 @@ impl Header {
 
 /// Fields one after another, all points of each; `packed`: the compressed size, the size, the bytes.
 fn columns(packed: &[u8], fields: &[Field], points: usize) -> Result<Table, SourceError> {
-    let size = |from: usize| {
-        packed
-            .get(from..from + 4)
-            .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize)
-    };
-    let (Some(short), Some(long)) = (size(0), size(4)) else {
+    let Some((sizes, rest)) = packed.split_first_chunk::<8>() else {
         return refused("data", "two sizes of 4 bytes", "its end");
     };
-    let Some(packed) = packed[8..].get(..short) else {
-        return refused("data", format!("{short} bytes"), packed.len() - 8);
+    let (sizes, _) = sizes.as_chunks();
+    let [short, long] = [0, 1].map(|i| u32::from_le_bytes(sizes[i]) as usize);
+    let Some(packed) = rest.get(..short) else {
+        return refused("data", format!("{short} bytes"), rest.len());
     };
     if long > UNPACKED_MAX {
         return refused("size unpacked", format!("at most {UNPACKED_MAX}"), long);
@@ -119,9 +116,8 @@ fn unpack_lzf(packed: &[u8], length: usize) -> Option<Vec<u8>> {
         let (extra, after) = after.split_at_checked(usize::from(high >> 5 == 7))?;
         let (low, after) = after.split_first()?;
         let count = (high >> 5) + extra.first().map_or(0, |more| usize::from(*more)) + 2;
-        let from = out
-            .len()
-            .checked_sub(((high & 31) << 8 | usize::from(*low)) + 1)?;
+        let back = ((high & 31) << 8 | usize::from(*low)) + 1;
+        let from = out.len().checked_sub(back)?;
         if out.len() + count > length {
             return None;
         }

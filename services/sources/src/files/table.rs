@@ -41,10 +41,7 @@ impl Kind {
         match self {
             Kind::Float { bytes: 4 } => f64::from(f32::from_bits(bits as u32)),
             Kind::Float { .. } => f64::from_bits(bits),
-            Kind::Integer {
-                bytes,
-                is_signed: true,
-            } => {
+            Kind::Integer { bytes, is_signed } if is_signed => {
                 let unused = 64 - 8 * bytes as u32;
                 ((bits << unused) as i64 >> unused) as f64
             }

@@ -182,19 +182,15 @@ fn echoes(mode: u8, channels: usize) -> Option<&'static [Echo]> {
 /// no calendar has is cut to the calendar's range.
 fn seconds(date: &[u8]) -> u64 {
     let part = |at: usize, low: u8, high: u8| u64::from(date[at].clamp(low, high));
-    let year = 1900
-        + part(0, 70, 255)
-        + if date[0] < 70 {
-            30 + u64::from(date[0])
-        } else {
-            0
-        };
+    let year = match u64::from(date[0]) {
+        year @ 0..70 => 2000 + year,
+        year => 1900 + year,
+    };
     let (month, day) = (part(1, 1, 12), part(2, 1, 31));
     // Days before the month, the year counted from March, so that the leap day is its last.
-    let (year, month) = if month > 2 {
-        (year, month - 3)
-    } else {
-        (year - 1, month + 9)
+    let (year, month) = match month {
+        3.. => (year, month - 3),
+        _ => (year - 1, month + 9),
     };
     let leap_days = year / 4 - year / 100 + year / 400;
     let days = year * 365 + leap_days + (153 * month + 2) / 5 + day - 1 - 719_468;

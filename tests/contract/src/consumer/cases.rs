@@ -35,7 +35,7 @@ pub(super) const CASES: &[Case<Session>] = &[
     case("new_pipeline", new_pipeline),
     case("places", places),
     case("wrong_version", |s| wrong_instance(&s.tested.options)),
-    case("stop", stop),
+    case("stop", |s| s.tested.terminate()),
 ];
 
 fn start(session: &mut Session) -> Outcome {
@@ -225,9 +225,4 @@ fn places(session: &mut Session) -> Outcome {
         ready.with_context(|| format!("after kill -9 number {kill}"))?;
     }
     Ok(format!("killed {KILLS} times, back each time"))
-}
-
-fn stop(session: &mut Session) -> Outcome {
-    let took_ms = session.tested.terminate()?;
-    Ok(format!("ended {took_ms} ms after SIGTERM"))
 }

@@ -119,9 +119,9 @@ fn restart(session: &mut Session) -> Outcome {
 
 fn stop(session: &mut Session) -> Outcome {
     session.checked(0)?;
-    let took_ms = session.tested.terminate()?;
+    let told = session.tested.terminate()?;
     check_last_words(session, Health::ASKED_TO_END)?;
-    Ok(format!("ended {took_ms} ms after SIGTERM"))
+    Ok(told)
 }
 
 fn check_last_words(session: &mut Session, expected: &str) -> anyhow::Result<()> {

@@ -10,9 +10,8 @@ use mluc_simulate::{Class, ExportOptions, Family, Split};
 use mluc_train::TrainSettings;
 use serde::{Deserialize, Serialize};
 
-use super::super::simulate::export_with_progress;
-use super::super::terminal::print_err;
 use super::super::train::{commit, train};
+use super::super::{simulate::export_with_progress, terminal::print_err};
 use super::lower;
 
 /// Frames a step.

@@ -1,7 +1,6 @@
 //! What an adaptation brought, for a person.
 
-use mluc_evaluate::pipeline::ModelJudgement;
-use mluc_evaluate::{ClassReport, render};
+use mluc_evaluate::{ClassReport, pipeline::ModelJudgement, render};
 use mluc_model::Model;
 use serde::{Deserialize, Serialize};
 use serde_json::json;

@@ -1,11 +1,9 @@
 //! `mluc-lab evaluate ap`: detections of any program against labels.
 
-use super::compared::Compared;
-use super::warn_unrecognized;
+use super::{compared::Compared, warn_unrecognized};
 use crate::commands::terminal::{print_err, print_out};
 use clap::Args;
-use mluc_evaluate::input::rings;
-use mluc_evaluate::{Breakdown, UnknownProtocol, evaluate, unevaluated};
+use mluc_evaluate::{Breakdown, UnknownProtocol, evaluate, input::rings, unevaluated};
 use std::path::PathBuf;
 
 /// Average precision as KITTI's object devkit computes it, and open-set figures.

@@ -1,7 +1,6 @@
 //! `mluc-lab evaluate model`: the whole pipeline over labelled scans.
 
-use super::report::Outcome;
-use super::{unknown_labelled, warn_unrecognized};
+use super::{report::Outcome, unknown_labelled, warn_unrecognized};
 use crate::commands::terminal::{at_least_one, counted, one_of, print_out};
 use anyhow::ensure;
 use clap::Args;

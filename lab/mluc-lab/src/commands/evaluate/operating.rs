@@ -1,7 +1,6 @@
 //! `mluc-lab evaluate operating`: how many objects a scan are false, and how many labels are found.
 
-use super::compared::Compared;
-use super::warn_unrecognized;
+use super::{compared::Compared, warn_unrecognized};
 use crate::commands::terminal::print_out;
 use clap::Args;
 use mluc_evaluate::{Breakdown, ClassRule, Operating, Tracks, UnknownProtocol};

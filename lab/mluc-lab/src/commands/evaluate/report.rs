@@ -78,12 +78,9 @@ impl Outcome {
         values["separation"] = separation(&self.judgement.separation).into();
         let choice = self.choice.as_ref();
         values["choice"] = json!(choice.map(|choice| (choice.threshold, &choice.reason)));
-        values["written"] = self
-            .profiles
-            .iter()
-            .flat_map(|chosen| chosen.profiles.named())
-            .map(|named| json!(named))
-            .collect();
+        let profiles = self.profiles.iter();
+        let written = profiles.flat_map(|chosen| chosen.profiles.named());
+        values["written"] = written.map(|named| json!(named)).collect();
         if let Some(sweep) = &self.sweep {
             let best = ModelGate::of(&self.model).best_index(sweep);
             values["sweep"][best]["is_best"] = json!(true);

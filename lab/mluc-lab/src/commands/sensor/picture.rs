@@ -1,8 +1,7 @@
 //! Elevations of a sensor's beams: some scans' returns beside another sensor, or a profile and what it sees of cars.
 
 use mluc_gateway::picture::{Canvas, Color};
-use mluc_ingest::estimate::SensorEstimate;
-use mluc_ingest::estimate::elevations::bin_deg;
+use mluc_ingest::estimate::{SensorEstimate, elevations::bin_deg};
 use mluc_model::SensorProfile;
 
 const GROUND: Color = [11, 15, 22];

@@ -91,11 +91,6 @@ pub(super) fn restart(session: &mut Session) -> Outcome {
     ))
 }
 
-pub(super) fn stop(session: &mut Session) -> Outcome {
-    let took_ms = session.tested.terminate()?;
-    Ok(format!("ended {took_ms} ms after SIGTERM"))
-}
-
 pub(super) fn overload(session: &mut Session) -> Outcome {
     // A first frame, so that gaps can be counted from it.
     session.ask_usual()?;

@@ -29,5 +29,5 @@ pub(crate) const CASES: &[Case<Session>] = &[
     case("wrong_version", runs::wrong_version),
     case("silence", life::silence),
     case("restart", life::restart),
-    case("stop", life::stop),
+    case("stop", |s| s.tested.terminate()),
 ];
