@@ -1,7 +1,6 @@
 //! Lists the files of `sensors/`: a product is a file, and nothing else names it.
 
-use std::path::Path;
-use std::{env, fs, io};
+use std::{env, fs, io, path::Path};
 
 fn main() -> io::Result<()> {
     // Cargo runs this in the package's folder; a path from when this was compiled may be another checkout's.

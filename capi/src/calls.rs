@@ -11,10 +11,8 @@ use mluc_ipc_types::{
 };
 use mluc_runtime::RuntimeError;
 
-use crate::consumer::Consumer;
 use crate::error::{Code, Failure, last, remember};
-use crate::refiner::Refiner;
-use crate::source::Source;
+use crate::{consumer::Consumer, refiner::Refiner, source::Source};
 
 /// `mluc_refiner` in C: a handle.
 pub struct MlucRefiner(Refiner);

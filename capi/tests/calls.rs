@@ -1,7 +1,6 @@
 //! The C functions as C calls them, with the stages before and behind played in the same process.
 
-use std::ffi::CStr;
-use std::ptr::null_mut;
+use std::{ffi::CStr, ptr::null_mut};
 
 use bytemuck::Zeroable;
 use mluc_capi::{

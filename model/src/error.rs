@@ -1,7 +1,6 @@
 //! What can be wrong with a model.
 
-use std::fmt::Display;
-use std::path::PathBuf;
+use std::{fmt::Display, path::PathBuf};
 
 pub(crate) type Result<T> = std::result::Result<T, ModelError>;
 

@@ -1,8 +1,6 @@
 //! The model file: safetensors with the manifest as JSON in its metadata.
 
-use std::borrow::Cow;
-use std::collections::HashMap;
-use std::path::Path;
+use std::{borrow::Cow, collections::HashMap, path::Path};
 
 use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, SafeTensors, View};

@@ -3,9 +3,8 @@
 //! y = gamma (w * x - mean) / sqrt(var + eps) + beta is again a convolution: with weights w gamma / sqrt(var + eps) and
 //! bias beta - mean gamma / sqrt(var + eps).
 
-use crate::error::Result;
 use crate::network::{DenseLayer, Network, SparseLayer, UpLayer};
-use crate::tensors::WeightSet;
+use crate::{error::Result, tensors::WeightSet};
 
 /// Added to a variance before its root is taken (public SECOND configurations).
 pub const BATCH_NORM_EPS: f32 = 1e-3;

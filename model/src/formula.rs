@@ -2,9 +2,8 @@
 
 use mluc_geometry::Random;
 
-use crate::file::fnv1a;
-use crate::network::Network;
 use crate::tensors::{WeightSet, expected_tensors};
+use crate::{file::fnv1a, network::Network};
 
 /// A number in [0, 1) for element `index` of the tensor `name`: the first of splitmix64 from FNV-1a of the name.
 pub fn formula_uniform(name: &str, index: usize) -> f64 {

@@ -1,8 +1,7 @@
 //! What is not everywhere: answers from outside and real scans, the refiners in other languages (`.ci/examples` installs what they need).
 
 use std::io::{Write, stderr};
-use std::path::PathBuf;
-use std::process::Command;
+use std::{path::PathBuf, process::Command};
 
 use mluc_backbone::{Backbone, BackboneError};
 use mluc_dataset::{DatasetError, file_stems, read_scan};

@@ -1,13 +1,11 @@
 //! Running `mluc`, or a stage of somebody else, as a process.
 
-use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read};
-use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use std::{ffi::OsStr, path::PathBuf, thread::JoinHandle};
 
 use mluc_runtime::{HealthWatch, Instance, Shell, Shutdown};
 use procfs::process::Process;

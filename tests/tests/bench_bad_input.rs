@@ -1,7 +1,6 @@
 //! What a scenario cannot have, a stage that never answers, reports of another version: said clearly, and at once.
 
-use std::path::Path;
-use std::time::Duration;
+use std::{path::Path, time::Duration};
 
 use mluc_tests::{Finished, Running, Setting, write_file};
 use serde_json::json;

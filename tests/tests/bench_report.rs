@@ -1,7 +1,6 @@
 //! `mluc bench` writes a report whose figures are those of the frames in it.
 
-use std::path::Path;
-use std::process::Command;
+use std::{path::Path, process::Command};
 
 use mluc_tests::{Finished, Setting, assert_has, read_json, root, skip};
 use serde_json::Value;

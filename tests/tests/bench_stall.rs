@@ -1,7 +1,6 @@
 //! A stall counts for every frame that it delays, not only for the one that met it (no coordinated omission).
 
-use std::path::Path;
-use std::time::Duration;
+use std::{path::Path, time::Duration};
 
 use mluc_ipc_types::Stage;
 use mluc_tests::{Setting, read_json, send_signal};

@@ -1,7 +1,6 @@
 //! A short run of `tools/chaos`: stages and supervisors are killed, stages are stopped, two signals end runs; nothing is lost uncounted or left.
 
-use std::process::Command;
-use std::time::Duration;
+use std::{process::Command, time::Duration};
 
 use mluc_tests::{Running, Setting, assert_has, mluc_program, root, skip};
 

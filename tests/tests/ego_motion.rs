@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use mluc_ipc_types::Point;
+use mluc_ipc_types::{FrameHeader, Point};
 use mluc_refiner::{EgoEstimator, FrameIndex};
 use mluc_simulate::{ExportOptions, Family, Split, export};
 
@@ -35,8 +35,13 @@ fn the_motion_of_a_second_is_known_to_centimetres_by_one_sensor_and_by_any() {
                     .chunks_exact(size_of::<Point>())
                     .map(bytemuck::pod_read_unaligned);
                 frame.sort(&points.collect::<Vec<Point>>());
-                last = estimator.estimate(index as u64, &frame);
-                lost += u32::from(last.is_none());
+                let sequence = (index - first) as u64;
+                let header = FrameHeader {
+                    sequence,
+                    ..FrameHeader::default()
+                };
+                last = estimator.estimate(&header, Some(&frame));
+                lost += u32::from(last.is_none() && sequence > 0);
             }
             // The estimate begins at 0; no drive of the simulator turns.
             let [begin, end] = [&poses[first], &poses[first + SCANS - 1]];

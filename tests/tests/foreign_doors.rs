@@ -1,7 +1,6 @@
 //! Somebody else's program at both ends: a source in ingest's place and consumers, the examples in Python and C++.
 
-use std::collections::HashMap;
-use std::process::Command;
+use std::{collections::HashMap, process::Command};
 
 use mluc_tests::{Running, Setting, cpp_example, leftovers, python_example, send_signal};
 use rustix::process::Signal;

@@ -1,8 +1,7 @@
 //! Somebody else's program in the refiner's place: started by command, replaced by hand, outliving runs; and no message of
 //! it, however wrong, silences the pipeline.
 
-use std::process::Command;
-use std::time::Duration;
+use std::{process::Command, time::Duration};
 
 use mluc_tests::{
     Running, Setting, cpp_example, leftovers, mluc_program, python_example, python_script, root,

@@ -1,8 +1,7 @@
 //! Reading real KITTI folders: every frame that `MLUC_KITTI` holds.
 
 use mluc_dataset::{Dataset, Label};
-use mluc_evaluate::pipeline::FrameSet;
-use mluc_evaluate::{RuleRequest, SensorDetection, evaluate, rules};
+use mluc_evaluate::{RuleRequest, SensorDetection, evaluate, pipeline::FrameSet, rules};
 use mluc_geometry::{Box3, ImageSize, iou_2d};
 use mluc_tests::data_folder;
 

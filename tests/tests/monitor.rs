@@ -1,8 +1,6 @@
 //! `mluc monitor` and `mluc top` beside a running pipeline.
 
-use std::io::Write;
-use std::net::TcpStream;
-use std::time::Duration;
+use std::{io::Write, net::TcpStream, time::Duration};
 
 use mluc_tests::{Running, Setting, assert_has, wait_for};
 use rustix::process::Signal;

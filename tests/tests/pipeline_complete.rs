@@ -1,7 +1,6 @@
 //! Frames go through four processes and come out: all of them, in order, nothing copied, nothing left behind.
 
-use std::process::Command;
-use std::time::Duration;
+use std::{process::Command, time::Duration};
 
 use mluc_ipc_types::{Stage, WIRE_VERSION};
 use mluc_tests::{Finished, Running, Setting, car_scan, leftovers, mluc_program, unique_instance};

@@ -1,7 +1,6 @@
 //! What a consumer is told when no objects come: nothing there, blind, late, or stopped.
 
-use std::process::Command;
-use std::time::Duration;
+use std::{process::Command, time::Duration};
 
 use mluc_ipc_types::{Status, StatusState};
 use mluc_runtime::{Shell, StatusWatch};

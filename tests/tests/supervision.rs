@@ -1,10 +1,8 @@
 //! The supervisor: whatever the reader of its lines does, however it is asked to end, and however it ended before.
 
-use std::fs::File;
 use std::io::{PipeReader, PipeWriter, Write};
-use std::os::unix::net::UnixDatagram;
-use std::process::Stdio;
 use std::time::{Duration, Instant};
+use std::{fs::File, os::unix::net::UnixDatagram, process::Stdio};
 
 use mluc_ipc_types::Stage;
 use mluc_tests::{Running, Setting, assert_has, is_alive, leftovers, send_signal, wait_for};

@@ -2,8 +2,7 @@
 
 use std::process::Command;
 
-use mluc_sources::files::Layout;
-use mluc_sources::{Next, Scan, Source};
+use mluc_sources::{Next, Scan, Source, files::Layout};
 use mluc_tests::{Running, Setting, python_example, root, write_file};
 use rustix::process::Signal;
 

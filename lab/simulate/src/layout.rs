@@ -5,12 +5,10 @@
 
 pub(crate) mod places;
 
-use super::footprint::Footprint;
 use super::ground::{Ground, Place};
 use super::objects::{Habit, Model, build, mean_size_m};
-use super::random::Dice;
-use super::synthetic_unknown::has_known_size;
 use super::{Class, Family, Split, Stream, Unseen};
+use super::{footprint::Footprint, random::Dice, synthetic_unknown::has_known_size};
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 /// An object in the scene: its model, and where it stands in the sensor frame.
@@ -35,6 +33,8 @@ type Pose = (f32, f32, f32);
 const SYNTHETIC_UNKNOWN_MAX: usize = 4;
 /// Objects of a class that is known beside the family's, a frame on average.
 const ALSO_KNOWN: f32 = 2.0;
+/// Of a car of `sim-any` to drive in the sensor's lane.
+const OWN_LANE_CHANCE: f32 = 0.15;
 const ATTEMPTS: usize = 48;
 const ATTEMPTS_PER_RANGE: usize = 16;
 
@@ -193,7 +193,16 @@ impl Layout<'_> {
     fn fits(&self, model: &Model, pose: Pose, dice: &mut Dice) -> bool {
         let (x, y, _) = pose;
         let inside = match self.stream.family {
-            Family::SimUdi | Family::SimAny => x.abs() < 50.0 && y.abs() < 50.0,
+            Family::SimUdi => x.abs() < 50.0 && y.abs() < 50.0,
+            // As far as the network looks; the trainer mirrors what is ahead.
+            Family::SimAny => {
+                let behind_m = if self.stream.split == Split::Train {
+                    69.0
+                } else {
+                    50.0
+                };
+                x > -behind_m && x < 69.0 && y.abs() < 50.0
+            }
             // Outside of the camera's view only now and then.
             Family::SimKitti => {
                 x > 2.0 && x < 69.5 && y.abs() < 39.0 && (y.abs() < 0.8 * x || dice.chance(0.3))
@@ -237,6 +246,12 @@ impl Layout<'_> {
 
     fn vehicle(&self, class: Class, range: f32, dice: &mut Dice) -> Option<Pose> {
         let g = self.ground;
+        let is_car = self.stream.family == Family::SimAny && class == Class::Car;
+        if is_car && dice.chance(OWN_LANE_CHANCE) {
+            // Who drives ahead is seen from behind alone, who follows from ahead.
+            let across = g.lane_m + dice.normal(0.0, 0.25);
+            return self.at(across, range, dice.normal(0.0, 0.03), dice);
+        }
         let side = dice.sign();
         let weights = match class {
             Class::GolfCart | Class::Forklift => [0.2, 0.25, 0.35, 0.2],

@@ -59,7 +59,7 @@ pub enum Family {
     SimUdi,
     /// Forward half, x up to 70.4 m, |y| up to 40 m, with a camera; known car, pedestrian, cyclist; unknown van, truck.
     SimKitti,
-    /// Full circle, within 51.2 m, each frame by another sensor; known car, pedestrian, cyclist; unknown van, truck, golf cart, forklift.
+    /// Full circle, 70 m ahead, else within 51.2 m, each frame by another sensor; known car, pedestrian, cyclist; unknown van, truck, golf cart, forklift.
     SimAny,
 }
 

@@ -1,16 +1,14 @@
 //! The settings of a training run.
 
-use std::convert::Infallible;
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+use std::{convert::Infallible, ffi::OsStr};
 
 use clap::Parser;
 use mluc_dataset::{KITTI_CLASSES, SIMULATED_CLASSES};
 use mluc_model::{AnchorClass, Beams, Manifest, Network, Takes};
 
-use crate::error::TrainError;
 use crate::kind::{Architecture, NetworkKind, Setting};
-use crate::losses::LossSettings;
+use crate::{error::TrainError, losses::LossSettings};
 
 /// A training run. What changes the weights is compared when a run is resumed.
 #[derive(Clone, Debug, PartialEq, Parser)]
@@ -203,6 +201,10 @@ impl TrainSettings {
             let named = self.known.iter().map(|name| AnchorClass::named(name));
             manifest.classes = named.collect();
         }
+        if let (Setting::Any, Some(person)) = (self.setting, manifest.generic.first_mut()) {
+            // So a fallen person has three anchors, not one.
+            (person.matched_iou, person.unmatched_iou) = (0.35, 0.2);
+        }
         Manifest {
             uses_intensity: false,
             prototype_scale: self.prototype_scale(),
@@ -258,7 +260,7 @@ impl TrainSettings {
             text += &format!(" known {}", self.known.join(","));
         }
         if self.setting == Setting::Any {
-            text += " floored";
+            text += " floored, ahead";
         }
         if let Some(init) = &self.init {
             text += &format!(" init {}", init.display());

@@ -5,11 +5,8 @@ use mluc_model::{Manifest, WeightSet};
 
 use crate::error::{BackboneError, Result};
 use crate::layers::{Frame, Layers};
-use crate::plane::Coverage;
-use crate::precision::Precision;
-use crate::quant_scale::QuantScale;
 use crate::trace::{Observer, Steps, Watch};
-use crate::warm_up;
+use crate::{plane::Coverage, precision::Precision, quant_scale::QuantScale, warm_up};
 
 /// The second one finds the memory of the first.
 const WARM_UP_FRAMES: usize = 2;

@@ -6,12 +6,9 @@
 use mluc_kernels::Gather;
 use mluc_model::{Folded, Network, WeightSet};
 
-use crate::cells::CellSet;
-use crate::convolution::Convolution;
 use crate::error::{BackboneError, Result};
 use crate::plane::{MapRows, PlaneLayer};
-use crate::precision::Value;
-use crate::quant_scale::QuantScale;
+use crate::{cells::CellSet, convolution::Convolution, precision::Value, quant_scale::QuantScale};
 
 /// The two transposed layers, and which rows the present frame has.
 #[derive(Clone, Debug)]

@@ -8,11 +8,8 @@ use mluc_kernels::{ABSENT, Gather, Tiled, WeightsWinograd, WinogradTiles, convol
 use mluc_model::{DenseLayer, Folded, WeightSet};
 use rayon::prelude::*;
 
-use crate::cells::CellSet;
 use crate::convolution::{Convolution, response};
-use crate::error::Result;
-use crate::precision::Value;
-use crate::quant_scale::QuantScale;
+use crate::{cells::CellSet, error::Result, precision::Value, quant_scale::QuantScale};
 
 /// Which cells of the bird's-eye layers are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,14 +5,11 @@ use mluc_ipc_types::POINTS_MAX;
 use mluc_model::{Folded, Manifest, Network, VoxelInput, WeightSet};
 use rayon::prelude::*;
 
-use crate::convolution::Convolution;
 use crate::error::{BackboneError, Result};
-use crate::precision::Value;
-use crate::quant_scale::QuantScale;
 use crate::rulebooks::{Rulebooks, sites_max};
-use crate::sites::Sites;
 use crate::trace::{Place, Watch};
 use crate::voxelize::{POINTS_A_TASK, PointCounts, VOXEL_CHANNELS, Voxels, localize, voxelize};
+use crate::{convolution::Convolution, precision::Value, quant_scale::QuantScale, sites::Sites};
 
 /// Layers and the memory of one frame.
 #[derive(Clone, Debug)]

@@ -1,8 +1,6 @@
 //! Looking at a frame between the layers, for tests against other implementations.
 
-use crate::precision::Value;
-use crate::quant_scale::QuantScale;
-use crate::sites::Sites;
+use crate::{precision::Value, quant_scale::QuantScale, sites::Sites};
 
 /// Where the rows of a level lie.
 #[derive(Clone, Copy, Debug)]

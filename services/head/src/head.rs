@@ -1,7 +1,6 @@
 //! Feature rows to detections: the stage as one function.
 
-use mluc_geometry::ground::ground_height_m;
-use mluc_geometry::{Box3, nms_into};
+use mluc_geometry::{Box3, ground::ground_height_m, nms_into};
 use mluc_ipc_types::{Detection, DetectionKind, GateKind, NO_PROBABILITY};
 use mluc_kernels::Gather;
 use mluc_model::{HeadKind, Manifest, Thresholds, WeightSet};
@@ -10,9 +9,8 @@ use crate::candidates::{Candidate, reduce_classes, select, sigmoid};
 use crate::convolutions::{RowHead, RowHeads, read_all};
 use crate::decode::{Anchors, BOX_CODES, decode, direct};
 use crate::gate::{gate_by, is_unknown, threshold_of};
-use crate::memory::Memory;
-use crate::prototypes::Prototypes;
 use crate::{HeadCounts, HeadError};
+use crate::{memory::Memory, prototypes::Prototypes};
 
 /// The heads, the prototypes and the gate, with all memory of a frame.
 #[derive(Clone, Debug)]

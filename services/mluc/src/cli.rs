@@ -1,19 +1,16 @@
 //! The command line.
 
-use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand};
 use mluc_ipc_types::Stage;
 use mluc_refiner::Variant;
 use mluc_runtime::LOG_FORMATS;
-use mluc_sources::files::Layout;
-use mluc_sources::shard;
+use mluc_sources::{files::Layout, shard};
 use serde::Serialize;
 
-use crate::commands::loopback;
-use crate::external::ExternalArgs;
 use crate::settings::{DEFAULT_MODEL, Pace, Profile};
+use crate::{commands::loopback, external::ExternalArgs};
 
 /// Known and unknown objects in LiDAR scans.
 #[derive(Debug, Parser)]

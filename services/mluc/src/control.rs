@@ -1,9 +1,6 @@
 //! What the supervisor tells the stages, and `mluc monitor`, while a run is on: a file in the instance's folder, looked at before each frame.
 
-use std::collections::BTreeSet;
-use std::os::unix::fs::MetadataExt;
-use std::path::PathBuf;
-use std::time::SystemTime;
+use std::{collections::BTreeSet, os::unix::fs::MetadataExt, path::PathBuf, time::SystemTime};
 
 use anyhow::Context;
 use mluc_ipc_types::FrameHeader;

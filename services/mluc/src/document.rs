@@ -9,8 +9,7 @@ use mluc_runtime::Instance;
 use serde::de::DeserializeOwned;
 use toml::Table;
 
-use crate::UsageError;
-use crate::settings::Settings;
+use crate::{UsageError, settings::Settings};
 
 /// Reads a TOML file as `T`. An error names line and column, and the nearest key where the key is unknown.
 pub fn read<T: DeserializeOwned>(path: &Path) -> anyhow::Result<T> {

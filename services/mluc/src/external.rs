@@ -1,10 +1,7 @@
 //! Commands that are programs of their own, as cargo's subcommands are: `mluc` only finds and becomes them.
 
-use std::ffi::OsString;
-use std::io::ErrorKind;
-use std::os::unix::process::CommandExt;
-use std::path::PathBuf;
 use std::process::{Command, ExitCode};
+use std::{ffi::OsString, io::ErrorKind, os::unix::process::CommandExt, path::PathBuf};
 
 use anyhow::{Context, bail};
 use clap::Args;

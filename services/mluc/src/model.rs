@@ -7,9 +7,7 @@ use anyhow::Context;
 use mluc_model::{HeadKind, Model};
 use serde::{Deserialize, Serialize};
 
-use crate::UsageError;
-use crate::document::nearest;
-use crate::settings::Settings;
+use crate::{UsageError, document::nearest, settings::Settings};
 
 macro_rules! built_in {
     ($($name:literal),+) => {

@@ -1,8 +1,7 @@
 //! Settings from where they are given. A later layer wins: defaults, a running pipeline's document (`mluc stage` alone), the
 //! configuration file, the environment, the command line; and the model for the gate's threshold.
 
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use anyhow::Context;
 use mluc_model::{Model, SensorProfile};
@@ -10,10 +9,8 @@ use mluc_runtime::Instance;
 use mluc_sources::{FOLLOW, is_live};
 use toml::{Table, Value};
 
-use crate::cli::PipelineArgs;
-use crate::document::with_hint;
-use crate::settings::Settings;
 use crate::{UsageError, document, model};
+use crate::{cli::PipelineArgs, document::with_hint, settings::Settings};
 
 /// Settings, and who set what.
 #[derive(Debug)]

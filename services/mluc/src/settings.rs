@@ -1,9 +1,7 @@
 //! What a run shall do: one document. The configuration file has its form, `mluc config --print` shows it, and the supervisor
 //! hands it to the stages. `docs/configuration.md` describes every key.
 
-use std::f64::consts::TAU;
-use std::ops::Index;
-use std::path::PathBuf;
+use std::{f64::consts::TAU, ops::Index, path::PathBuf};
 
 use clap::ValueEnum;
 use mluc_backbone::Precision;
@@ -12,8 +10,7 @@ use mluc_kernels::Level;
 use mluc_model::{HeadKind, Model, ScoreMin, SensorProfile};
 use mluc_refiner::{RobotSettings, Settings as RefinerSettings, TrackSettings, Variant};
 use mluc_runtime::Instance;
-use mluc_sources::files::Layout;
-use mluc_sources::{Lidar, Open, Source, ros2_topic};
+use mluc_sources::{Lidar, Open, Source, files::Layout, ros2_topic};
 use serde::{Deserialize, Serialize};
 use smart_default::SmartDefault;
 use toml::Table;
@@ -400,8 +397,7 @@ fn refused(text: String) -> Result<(), UsageError> {
 /// An instance as its name.
 mod by_name {
     use super::Instance;
-    use serde::de::Error;
-    use serde::{Deserialize, Deserializer, Serializer};
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
 
     pub(super) fn serialize<S: Serializer>(value: &Instance, to: S) -> Result<S::Ok, S::Error> {
         to.serialize_str(value.name())
@@ -415,8 +411,7 @@ mod by_name {
 /// `true`, `false`, or a table that says how.
 mod switch {
     use super::TrackSettings;
-    use serde::de::Error;
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
     use toml::Value;
 
     type Switch = Option<TrackSettings>;

@@ -1,8 +1,7 @@
 //! What a command says. A terminal or file that is full or closed is an error at most, never a panic beside running stages.
 
-use std::fmt::Display;
 use std::io::{Write, stdout};
-use std::time::Duration;
+use std::{fmt::Display, time::Duration};
 
 use anyhow::Context;
 use mluc_runtime::{LOG_FORMATS, PatientStderr, log_format, log_line};

@@ -5,7 +5,7 @@
 //! 2003; distributions on distributions as Stoyanov et al., IJRR 2012). Few things move, so they hardly count. Height, roll and pitch play no part.
 
 use mluc_geometry::ground::tiles::{NO_TILE, TILES, tile_of, tile_rows};
-use mluc_ipc_types::EgoPose;
+use mluc_ipc_types::{EgoPose, FrameHeader};
 use nalgebra::{Isometry2, Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 
 use crate::FrameIndex;
@@ -17,21 +17,36 @@ const STANDS_MIN_M: f64 = 0.15;
 const RANGE_M: [f64; 2] = [3.0, 50.0];
 /// By how much places may differ, m, in each step of a match.
 const SPREADS_M: [f64; 10] = [1.0, 0.8, 0.6, 0.45, 0.35, 0.25, 0.2, 0.15, 0.1, 0.1];
-/// How far the motion may be from the last one, x, y (m) and yaw (rad), where the scans leave it open.
+/// Standard deviations of the motion from the last one, x, y (m) and yaw (rad): they count where the scans leave it open.
 const CHANGE: [f64; 3] = [0.5, 0.5, 0.1];
-/// Speeds that are tried while none is known, m a scan ahead.
+/// Speeds that are tried while none is known, m a scan ahead; a higher one must agree better by so much.
 const FIRST_STEPS_M: [f64; 4] = [0.0, 1.0, 2.0, 3.0];
+const BETTER_BY: f64 = 0.05;
 /// Less agreement than this (the mean weight of the tiles, 0 to 1) is no match.
 const AGREEMENT_MIN: f64 = 0.3;
-/// The earlier scan is kept until the sensor is this far from it, m, rad; after more scans than this it is no use.
+/// The earlier scan is replaced once the sensor is further from it than this, m, rad, or after so many scans: parked cars leave.
 const KEPT_WITHIN: [f64; 2] = [2.0, 0.15];
+const KEPT_SCANS: u64 = 20;
+/// More scans missing than this are no gap: it begins anew.
 const GAP_MAX: u64 = 10;
+/// [`EgoPose::is_known`] of what was estimated: its frame of reference is another than the source's.
+const ESTIMATED: u32 = 2;
+/// Tiles of a scan that are laid over the other, at most, which bounds the work.
+const TILES_MAX: usize = 2000;
 
 /// What stands in a tile.
 #[derive(Clone, Copy, Debug)]
 struct Upright {
     mean_m: Vector2<f64>,
     covariance: Matrix2<f64>,
+}
+
+/// Where a scan was taken.
+#[derive(Clone, Copy, Debug)]
+struct Taken {
+    run: u64,
+    sequence: u64,
+    pose: Isometry2<f64>,
 }
 
 /// Estimates the sensor's pose scan after scan; buffers are made once.
@@ -41,19 +56,19 @@ pub struct EgoEstimator {
     now: Vec<Upright>,
     earlier: Vec<Upright>,
     place: Vec<u32>,
-    earlier_pose: Isometry2<f64>,
-    /// The last scan's sequence and pose, and the motion of one scan before it, where known.
-    last: Option<(u64, Isometry2<f64>)>,
+    earlier_taken: Option<Taken>,
+    last: Option<Taken>,
+    /// Of one scan, from the last match.
     step: Option<Isometry2<f64>>,
 }
 
 impl Default for EgoEstimator {
     fn default() -> EgoEstimator {
         EgoEstimator {
-            now: Vec::new(),
-            earlier: Vec::new(),
+            now: Vec::with_capacity(TILES_MAX),
+            earlier: Vec::with_capacity(TILES_MAX),
             place: vec![NO_TILE; TILES],
-            earlier_pose: Isometry2::identity(),
+            earlier_taken: None,
             last: None,
             step: None,
         }
@@ -61,54 +76,80 @@ impl Default for EgoEstimator {
 }
 
 impl EgoEstimator {
-    /// Where the sensor is, in the frame of the scan that it began with; None where the scan fits none before it: then the next one begins anew.
-    pub fn estimate(&mut self, sequence: u64, scan: &FrameIndex) -> Option<EgoPose> {
-        find_upright(scan, &mut self.now);
-        let Some((last, pose)) = self.last else {
-            self.begin(sequence, Isometry2::identity());
-            return Some(told(&Isometry2::identity()));
+    /// Where the sensor is, in a frame that stands still while scans match. None for the first scan, and for one that fits none before it: later ones are laid
+    /// over that one. Of a frame without its scan the motion is taken to go on.
+    pub fn estimate(&mut self, header: &FrameHeader, scan: Option<&FrameIndex>) -> Option<EgoPose> {
+        let (run, sequence) = (header.run_id, header.sequence);
+        let known = self.last.filter(|last| last.run == run);
+        let gap = known.and_then(|last| sequence.checked_sub(last.sequence));
+        let gap = gap.filter(|gap| *gap <= GAP_MAX);
+        let after = |step: &Isometry2<f64>| {
+            let pose = known.map_or_else(Isometry2::identity, |last| last.pose);
+            (0..gap.unwrap_or(0)).fold(pose, |pose, _| pose * step)
         };
-        let frames = sequence
-            .checked_sub(last)
-            .filter(|gap| (1..=GAP_MAX).contains(gap));
-        let found = frames.and_then(|frames| {
-            let steps = FIRST_STEPS_M.map(|x| Isometry2::translation(x, 0.0));
-            let steps = self.step.map_or(steps.to_vec(), |step| vec![step]);
-            let guesses = steps
-                .iter()
-                .map(|step| (0..frames).fold(pose, |pose, _| pose * step));
-            let matches = guesses.map(|guess| self.lay(self.earlier_pose.inverse() * guess));
-            matches
-                .max_by(|a, b| a.0.total_cmp(&b.0))
-                .filter(|(agreement, _)| *agreement >= AGREEMENT_MIN)
-        });
-        let Some((_, from_earlier)) = found else {
-            (self.last, self.step) = (None, None);
+        let (Some(scan), false) = (scan, gap == Some(0)) else {
+            // Gone, or sent again.
+            return gap.and(self.step).map(|step| told(&after(&step)));
+        };
+        find_upright(scan, &mut self.now);
+        let found = match (known, gap, self.earlier_taken) {
+            (Some(last), Some(gap), Some(earlier)) => self
+                .matched(&earlier, after)
+                .map(|pose| (last, gap as f64, earlier, pose)),
+            _ => None,
+        };
+        let Some((last, gap, earlier, pose)) = found else {
+            self.step = None;
+            self.begin(Taken {
+                run,
+                sequence,
+                pose: Isometry2::identity(),
+            });
             return None;
         };
-        let found = self.earlier_pose * from_earlier;
-        let share = 1.0 / frames.unwrap_or(1) as f64;
-        self.step = Some(Isometry2::identity().lerp_slerp(&(pose.inverse() * found), share));
-        let away = [
-            from_earlier.translation.vector.norm(),
-            from_earlier.rotation.angle().abs(),
-        ];
-        if away[0] > KEPT_WITHIN[0] || away[1] > KEPT_WITHIN[1] {
-            self.begin(sequence, found);
+        self.step =
+            Some(Isometry2::identity().lerp_slerp(&(last.pose.inverse() * pose), 1.0 / gap));
+        let taken = Taken {
+            run,
+            sequence,
+            pose,
+        };
+        self.last = Some(taken);
+        let away = earlier.pose.inverse() * pose;
+        let away = [away.translation.vector.norm(), away.rotation.angle().abs()];
+        let is_old = sequence - earlier.sequence > KEPT_SCANS;
+        if is_old || away[0] > KEPT_WITHIN[0] || away[1] > KEPT_WITHIN[1] {
+            self.begin(taken);
         }
-        self.last = Some((sequence, found));
-        Some(told(&found))
+        Some(told(&pose))
+    }
+
+    /// The pose of the scan in hand, from where the last step, or one of the first ones, leads to.
+    fn matched(
+        &self,
+        earlier: &Taken,
+        after: impl Fn(&Isometry2<f64>) -> Isometry2<f64>,
+    ) -> Option<Isometry2<f64>> {
+        let first = FIRST_STEPS_M.map(|x| Isometry2::translation(x, 0.0));
+        let steps = self.step.as_ref().map_or(&first[..], std::slice::from_ref);
+        let mut best = (AGREEMENT_MIN - BETTER_BY, None);
+        for step in steps {
+            let (agreement, away) = self.lay(earlier.pose.inverse() * after(step));
+            if agreement >= best.0 + BETTER_BY {
+                best = (agreement, Some(earlier.pose * away));
+            }
+        }
+        best.1
     }
 
     /// Later scans are laid over the one in hand.
-    fn begin(&mut self, sequence: u64, pose: Isometry2<f64>) {
+    fn begin(&mut self, taken: Taken) {
         std::mem::swap(&mut self.now, &mut self.earlier);
         self.place.fill(NO_TILE);
         for (index, upright) in self.earlier.iter().enumerate() {
             self.place[tile(upright.mean_m)] = index as u32;
         }
-        self.earlier_pose = pose;
-        self.last = Some((sequence, pose));
+        (self.earlier_taken, self.last) = (Some(taken), Some(taken));
     }
 
     /// Agreement and motion from the earlier scan to the one in hand, from a guess on.
@@ -116,12 +157,13 @@ impl EgoEstimator {
         let [x, y, yaw] = CHANGE.map(|sd| sd.powi(-2));
         let prior = Matrix3::from_diagonal(&Vector3::new(x, y, yaw));
         let first = vector(&guess);
+        let stride = self.now.len().div_ceil(TILES_MAX).max(1);
         let (mut at, mut agreement) = (first, 0.0);
         for spread_m in SPREADS_M {
             let motion = Isometry2::new(at.xy(), at.z);
             let turn = *motion.rotation.to_rotation_matrix().matrix();
             let (mut weights, mut curvature, mut slope) = (0.0, prior, prior * (first - at));
-            for upright in &self.now {
+            for upright in self.now.iter().step_by(stride) {
                 let arm = turn * upright.mean_m;
                 let place = arm + at.xy();
                 let Some(other) = self.nearest(place) else {
@@ -142,7 +184,7 @@ impl EgoEstimator {
                     slope + weighted * off,
                 );
             }
-            agreement = weights / self.now.len().max(1) as f64;
+            agreement = weights / self.now.len().div_ceil(stride).max(1) as f64;
             at += curvature
                 .try_inverse()
                 .map_or(Vector3::zeros(), |inverse| inverse * slope);
@@ -159,7 +201,7 @@ impl EgoEstimator {
     }
 }
 
-/// What stands in each tile: points whose heights do not follow from their places, as they do on slopes and roofs, and which hang not as high as a ceiling.
+/// What stands in each tile: points whose heights do not follow from their places, as they do on slopes and roofs, less than 2.5 m above the lowest.
 fn find_upright(scan: &FrameIndex, found: &mut Vec<Upright>) {
     found.clear();
     let [near_m, far_m] = RANGE_M;
@@ -201,7 +243,7 @@ fn told(pose: &Isometry2<f64>) -> EgoPose {
     EgoPose {
         position_m: [x, y, 0.0],
         yaw_rad,
-        is_known: 1,
+        is_known: ESTIMATED,
         reserved: 0,
     }
 }
@@ -224,32 +266,53 @@ mod tests {
         sorted(&scan)
     }
 
+    fn header(run_id: u64, sequence: u64) -> FrameHeader {
+        FrameHeader {
+            run_id,
+            sequence,
+            ..FrameHeader::default()
+        }
+    }
+
     #[test]
-    fn a_drive_is_followed_also_over_lost_scans_and_a_stranger_begins_anew() {
+    fn a_drive_is_followed_over_lost_scans_and_what_does_not_match_begins_anew() {
         let mut estimator = EgoEstimator::default();
         let step = Isometry2::new(Vector2::new(1.3, 0.04), 0.03);
         let mut pose = Isometry2::identity();
-        for sequence in 0..12 {
-            if ![5, 6].contains(&sequence) {
-                let found = estimator
-                    .estimate(sequence, &seen_from(&pose))
-                    .expect("a match");
+        for sequence in 0..30 {
+            let scan = seen_from(&pose);
+            let found = match sequence {
+                5 | 6 => None,
+                9 => Some(estimator.estimate(&header(7, sequence), None)),
+                _ => Some(estimator.estimate(&header(7, sequence), Some(&scan))),
+            };
+            if let (Some(found), 1..) = (found, sequence) {
+                let found = found.expect("a match");
                 let [x, y, _] = found.position_m;
-                let off = vector(&pose) - Vector3::new(x, y, found.yaw_rad);
+                let off =
+                    vector(&(pose.inverse() * Isometry2::new(Vector2::new(x, y), found.yaw_rad)));
                 assert!(
                     off.xy().norm() < 0.1 && off.z.abs() < 0.005,
                     "{sequence}: {off}"
                 );
+                let again = estimator.estimate(&header(7, sequence), Some(&scan));
+                assert!(sequence == 9 || again == Some(found), "sent again");
             }
             pose *= step;
         }
+        let (scan, empty) = (seen_from(&pose), sorted(&[]));
         assert!(
-            estimator.estimate(12, &sorted(&[])).is_none(),
+            estimator.estimate(&header(7, 30), Some(&empty)).is_none(),
             "nothing is there"
         );
-        assert_eq!(
-            estimator.estimate(13, &seen_from(&pose)),
-            Some(told(&Isometry2::identity()))
+        assert!(
+            estimator.estimate(&header(7, 31), Some(&scan)).is_none(),
+            "nor was it"
+        );
+        assert!(estimator.estimate(&header(7, 32), Some(&scan)).is_some());
+        assert!(
+            estimator.estimate(&header(8, 33), Some(&scan)).is_none(),
+            "another run"
         );
     }
 }

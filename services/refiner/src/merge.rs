@@ -3,8 +3,7 @@
 use mluc_geometry::{Box3, Inside, intersection_over_min_area, iou_bev};
 use mluc_ipc_types::{Disposition, Point};
 
-use crate::Variant;
-use crate::proposal::Proposal;
+use crate::{Variant, proposal::Proposal};
 
 /// Intersection over the smaller area above which the weaker unknown goes.
 const OVERLAP_MAX: f64 = 0.5;

@@ -3,9 +3,7 @@
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, Disposition, GateKind, NO_PROBABILITY, Object, ObjectKind};
 
-use crate::clusters::Measures;
-use crate::fit::Footprint;
-use crate::merge::KNOWN_SCORE_MIN;
+use crate::{clusters::Measures, fit::Footprint, merge::KNOWN_SCORE_MIN};
 
 /// What is known of one object before it is written out.
 #[derive(Clone, Copy, Debug)]

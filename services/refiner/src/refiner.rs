@@ -9,12 +9,11 @@ use mluc_model::{Model, Probabilities, ScoreMin};
 
 use crate::clusterer::{Clusterer, FrameTask, NoClusterer, ScanClusterer};
 use crate::decide::{UnknownScorer, leave_out_low_scores};
-use crate::frame::FrameIndex;
 use crate::merge::{KNOWN_MARGIN_M, best_first, merge};
 use crate::output::{Counters, RefinerOutput};
-use crate::paper::PaperClusterer;
 use crate::proposal::{Proposal, valid_box};
 use crate::{ClusterScorer, RefinerError, Sensor, Settings, Variant, sensor};
+use crate::{frame::FrameIndex, paper::PaperClusterer};
 
 /// Work that all candidates of a frame may cost in the paper's variants: points looked at, as often as they are. Counted and
 /// not timed, so that equal input gives equal output. Where the scan is clustered once, work is bounded by its points.

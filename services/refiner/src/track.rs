@@ -103,8 +103,8 @@ pub struct Tracker {
     tracks: Vec<Track>,
     order: Vec<usize>,
     next_id: u32,
-    last_sequence: Option<u64>,
-    had_pose: bool,
+    /// Run, what tells the sensor's pose ([`EgoPose::is_known`]) and sequence of the last frame.
+    last: Option<[u64; 3]>,
 }
 
 impl Tracker {
@@ -116,8 +116,7 @@ impl Tracker {
             tracks: Vec::with_capacity(TRACKS_MAX),
             order: Vec::with_capacity(OBJECTS_MAX),
             next_id: 0,
-            last_sequence: None,
-            had_pose: false,
+            last: None,
         })
     }
 
@@ -127,7 +126,7 @@ impl Tracker {
     /// The header has the sensor's pose, where known; without it nothing is known to move. Frames that are missing between two calls count
     /// as frames that did not see anything.
     pub fn update(&mut self, header: &FrameHeader, refined: &mut RefinerOutput) {
-        self.age(header.sequence, header.ego.is_known == 1);
+        self.age([header.run_id, header.ego.is_known.into(), header.sequence]);
         let objects = &mut refined.objects;
         let is_low = |object: &Object| object.disposition == Disposition::LowScore as u32;
         self.order.clear();
@@ -149,7 +148,7 @@ impl Tracker {
                 place_m: in_fixed_frame(&header.ego, object.center_m),
                 log_odds: told.map_or(f64::INFINITY, log_odds),
             };
-            let Some(track) = self.track_of(sighting) else {
+            let Some(track) = self.track_of(sighting, header.ego.is_known != 0) else {
                 continue;
             };
             object.tell_track(track.id, track.news);
@@ -165,14 +164,12 @@ impl Tracker {
     }
 
     /// Time passes; what was not seen for a whole window is forgotten.
-    fn age(&mut self, sequence: u64, has_pose: bool) {
+    fn age(&mut self, [run, told_by, sequence]: [u64; 3]) {
         // Begun anew, or the frame of reference changed: nothing can be found again.
-        let is_new = self.last_sequence.is_some_and(|last| sequence < last);
-        if is_new || has_pose != self.had_pose {
+        let last = self.last.replace([run, told_by, sequence]);
+        if last.is_some_and(|last| [run, told_by] != last[..2] || sequence < last[2]) {
             self.tracks.clear();
         }
-        self.last_sequence = Some(sequence);
-        self.had_pose = has_pose;
         let oldest = sequence.saturating_sub(u64::from(self.settings.window) - 1);
         self.tracks.retain_mut(|track| {
             track.is_taken = false;
@@ -183,7 +180,7 @@ impl Tracker {
     }
 
     /// The free track nearest to where it should be now, or a new one, with what it is worth now; None when all tracks were seen in this frame.
-    fn track_of(&mut self, sighting: Sighting) -> Option<&Track> {
+    fn track_of(&mut self, sighting: Sighting, has_pose: bool) -> Option<&Track> {
         let free = self.tracks.iter().enumerate().filter(|(_, t)| !t.is_taken);
         let distances = free.map(|(index, track)| (index, track.distance_m(&sighting)));
         let near = distances.filter(|(_, m)| *m <= self.settings.distance_max_m);
@@ -194,7 +191,7 @@ impl Tracker {
         };
         let track = &mut self.tracks[index];
         track.see(sighting);
-        track.judge(&self.settings, self.had_pose);
+        track.judge(&self.settings, has_pose);
         Some(track)
     }
 
@@ -284,7 +281,7 @@ fn log_odds(probability: f32) -> f64 {
 /// From the sensor's frame into the one that stands still, seen from above; as it is while no pose is known.
 fn in_fixed_frame(ego: &EgoPose, center_m: [f32; 3]) -> [f64; 2] {
     let [x, y] = [f64::from(center_m[0]), f64::from(center_m[1])];
-    if ego.is_known != 1 {
+    if ego.is_known == 0 {
         return [x, y];
     }
     let (sin, cos) = ego.yaw_rad.sin_cos();

@@ -5,8 +5,7 @@ mod common;
 use common::{point, scan, sensor, standing};
 use mluc_geometry::{Box3, iou_3d};
 use mluc_ipc_types::{POINTS_MAX, Point};
-use mluc_refiner::clusters::NO_CLUSTER;
-use mluc_refiner::{FrameClusterer, FrameClusters, Settings};
+use mluc_refiner::{FrameClusterer, FrameClusters, Settings, clusters::NO_CLUSTER};
 
 fn find(points: &[Point]) -> FrameClusters {
     let mut clusterer = FrameClusterer::new(&Settings::default(), &sensor()).expect("settings");

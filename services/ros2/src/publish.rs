@@ -5,8 +5,7 @@ use bytes::Bytes;
 use mluc_gateway::ros2::topics;
 use mluc_runtime::Instance;
 use mluc_view::Follower;
-use rustdds::no_key::DataWriter;
-use rustdds::{Duration, QosPolicyBuilder};
+use rustdds::{Duration, QosPolicyBuilder, no_key::DataWriter};
 
 use crate::dds::{Encoded, join, keep, topic};
 

@@ -1,19 +1,17 @@
 //! Scans from a ROS 2 topic: the newest cloud wins, those before it are counted by the publisher's sequence numbers.
 
-use std::path::Path;
-use std::sync::Arc;
 use std::task::{Wake, Waker};
 use std::thread::{Thread, current, park_timeout};
 use std::time::{Duration, Instant};
+use std::{path::Path, sync::Arc};
 
 use mluc::UsageError;
 use mluc_gateway::ros2::topics;
 use mluc_runtime::wall_clock_ns;
 use mluc_sources::files::Layout;
 use mluc_sources::{LiveScans, Next, ODOMETRY, Odometry, Scan, Source, TF, TRANSFORMS, ros2_topic};
-use rustdds::no_key::SimpleDataReader;
-use rustdds::policy::Durability;
 use rustdds::{DomainParticipant, GUID, QosPolicyBuilder};
+use rustdds::{no_key::SimpleDataReader, policy::Durability};
 
 use crate::dds::{Encoded, join, keep, topic};
 

@@ -1,7 +1,6 @@
 //! What can go wrong between processes, said so that the reader knows what to do.
 
-use std::fmt::Display;
-use std::path::PathBuf;
+use std::{fmt::Display, path::PathBuf};
 
 pub(crate) type Result<T> = std::result::Result<T, RuntimeError>;
 

@@ -5,8 +5,7 @@ use std::time::Duration;
 
 use mluc_ipc_types::{ContractError, FrameHeader, Point, RunDescription, Topic};
 
-use crate::error::Result;
-use crate::{Input, Next, Payload, Scans, Shell};
+use crate::{Input, Next, Payload, Scans, Shell, error::Result};
 
 /// A topic's frames.
 pub struct Frames<T: Payload> {

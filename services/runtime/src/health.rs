@@ -3,10 +3,9 @@
 use hdrhistogram::Histogram;
 use mluc_ipc_types::{FrameHeader, Health, HealthState, Stage, Topic};
 
-use crate::error::Result;
-use crate::node::IpcNode;
-use crate::run::RunWatch;
-use crate::{Input, Output, RuntimeError, monotonic_ns};
+use crate::{
+    Input, Output, RuntimeError, error::Result, monotonic_ns, node::IpcNode, run::RunWatch,
+};
 
 /// Between two heartbeats when nothing changes.
 const PERIOD_NS: u64 = 100_000_000;

@@ -5,8 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::RuntimeError;
-use crate::error::Result;
+use crate::{RuntimeError, error::Result};
 
 /// Where POSIX shared memory lies on Linux.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";

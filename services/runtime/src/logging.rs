@@ -4,11 +4,9 @@
 mod repeats;
 mod stderr;
 
-use std::collections::BTreeMap;
-use std::fmt::Debug;
-use std::io::Write;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, SystemTime};
+use std::{collections::BTreeMap, fmt::Debug, io::Write};
 
 use humantime::format_rfc3339_millis;
 use serde_json::json;

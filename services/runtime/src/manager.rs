@@ -1,9 +1,7 @@
 //! What systemd wants to hear of a service of `Type=notify`: that it is ready, that it lives, that it ends (sd_notify(3)).
 
-use std::ffi::OsStr;
-use std::os::linux::net::SocketAddrExt;
-use std::os::unix::ffi::OsStrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::{ffi::OsStr, os::linux::net::SocketAddrExt, os::unix::ffi::OsStrExt};
 
 use crate::monotonic_ns;
 

@@ -3,11 +3,9 @@
 //! The first write to a fresh page of shared memory costs the kernel a page: measured, the first 36 MB message takes 18
 //! times as long as later ones. iceoryx2 has no option for it.
 
-use std::collections::HashSet;
-use std::ops::Range;
+use std::{collections::HashSet, ops::Range};
 
-use crate::Instance;
-use crate::instance::SHARED_MEMORY;
+use crate::{Instance, instance::SHARED_MEMORY};
 
 /// A part of this process's address space that shows a data segment of an instance.
 #[derive(Debug, PartialEq, Eq)]

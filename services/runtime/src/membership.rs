@@ -13,9 +13,7 @@ use mluc_ipc_types::WIRE_VERSION;
 use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::process::{Pid, geteuid, getppid};
 
-use crate::error::Result;
-use crate::mapping::mappings;
-use crate::{Instance, RuntimeError, sweep};
+use crate::{Instance, RuntimeError, error::Result, mapping::mappings, sweep};
 
 const LOCK: &str = ".lock";
 const CONTRACT: &str = "contract";

@@ -14,8 +14,7 @@ use iceoryx2::service::builder::publish_subscribe::{
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use mluc_ipc_types::{FrameHeader, Topic};
 
-use crate::error::Result;
-use crate::{Instance, Ipc, Payload, RuntimeError, sweep};
+use crate::{Instance, Ipc, Payload, RuntimeError, error::Result, sweep};
 
 pub(crate) type DataService<T> = publish_subscribe::PortFactory<Ipc, [T], FrameHeader>;
 pub(crate) type WakeService = event::PortFactory<Ipc>;

@@ -7,10 +7,9 @@ use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, PortFactory};
 use iceoryx2::sample_mut::SampleMut;
 use mluc_ipc_types::{FrameHeader, Topic};
 
-use crate::error::Result;
-use crate::instance::SHARED_MEMORY;
 use crate::node::{DataService, IpcNode, WakeService};
 use crate::{Instance, Ipc, Payload, RuntimeError};
+use crate::{error::Result, instance::SHARED_MEMORY};
 
 /// Lends memory of a topic, sends it, and wakes who waits for it.
 pub struct Output<T: Payload> {

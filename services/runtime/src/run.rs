@@ -4,9 +4,7 @@ use std::hash::{BuildHasher, RandomState};
 
 use mluc_ipc_types::{RunDescription, Topic};
 
-use crate::error::Result;
-use crate::node::IpcNode;
-use crate::{Input, monotonic_ns};
+use crate::{Input, error::Result, monotonic_ns, node::IpcNode};
 
 /// Role of the process that describes the run: one at a time.
 pub(crate) const ROLE: &str = "run";

@@ -5,9 +5,7 @@ use std::collections::VecDeque;
 
 use mluc_ipc_types::{Point, RunDescription, Topic};
 
-use crate::error::Result;
-use crate::input::Wake;
-use crate::{Input, Message, Shell};
+use crate::{Input, Message, Shell, error::Result, input::Wake};
 
 /// Scans kept after a frame was refined: the backbone has taken the newest or the one before it at about that time.
 const PINNED: usize = 2;

@@ -6,17 +6,13 @@ use mluc_ipc_types::{
     FrameHeader, Health, HealthState, RunDescription, Stage, Text, Topic, WIRE_VERSION,
 };
 
-use crate::error::Result;
-use crate::health::Heartbeat;
-use crate::input::Wake;
-use crate::manager::Manager;
 use crate::mapping::{self, Prefault};
-use crate::node::IpcNode;
 use crate::run::{self, RunWatch};
 use crate::{
     Claim, HealthWatch, Input, Instance, Membership, Message, Output, Payload, RuntimeError,
     Shutdown, StatusWatch, monotonic_ns,
 };
+use crate::{error::Result, health::Heartbeat, input::Wake, manager::Manager, node::IpcNode};
 
 /// Between two looks for new segments.
 const TOUCH_PERIOD_NS: u64 = 100_000_000;

@@ -6,8 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 
-use crate::RuntimeError;
-use crate::error::Result;
+use crate::{RuntimeError, error::Result};
 
 /// Whether this process was asked to end. Clones share the flag.
 #[derive(Clone, Debug, Default)]

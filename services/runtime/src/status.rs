@@ -2,9 +2,7 @@
 
 use mluc_ipc_types::{Status, Topic};
 
-use crate::error::Result;
-use crate::node::IpcNode;
-use crate::{Input, monotonic_ns};
+use crate::{Input, error::Result, monotonic_ns, node::IpcNode};
 
 /// Follows the topic.
 pub struct StatusWatch {

@@ -1,16 +1,10 @@
 //! Removing what an instance left in shared memory.
 
-use std::collections::HashSet;
-use std::ffi::OsString;
-use std::fs;
-use std::io::ErrorKind;
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::{collections::HashSet, ffi::OsString, fs, io::ErrorKind, os::unix::fs::OpenOptionsExt};
 
-use crate::error::Result;
-use crate::instance::SHARED_MEMORY;
-use crate::{Instance, RuntimeError};
+use crate::{Instance, RuntimeError, error::Result, instance::SHARED_MEMORY};
 
 /// Paths of the instance's segments.
 fn segments(instance: &Instance) -> Vec<PathBuf> {

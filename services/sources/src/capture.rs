@@ -5,11 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use mluc_ipc_types::Flags;
 
-use crate::files::Layout;
 use crate::packets::{Calibration, Clock, Decoder, Revolution};
-use crate::pcap::Capture;
-use crate::rounds::Rounds;
 use crate::{Next, Scan, numbered};
+use crate::{files::Layout, pcap::Capture, rounds::Rounds};
 
 /// Datagrams until the caller is asked to come again: it has heartbeats to send.
 const LOOKS_MAX: u32 = 2000;

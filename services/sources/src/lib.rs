@@ -20,8 +20,7 @@ mod rounds;
 mod shard;
 pub mod udp;
 
-use std::path::Path;
-use std::time::Duration;
+use std::{path::Path, time::Duration};
 
 use anyhow::{Context, anyhow, bail};
 use mluc_ipc_types::{EgoPose, Flags};

@@ -1,20 +1,16 @@
 //! Scans from a live sensor: a thread takes its packets, the newest turn waits for the pipeline.
 
 use std::net::{Ipv4Addr, SocketAddr};
-use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use std::{path::Path, sync::Arc, thread::JoinHandle};
 
 use anyhow::{Context, bail};
 use crossbeam_channel::{Receiver as Turns, RecvTimeoutError, Sender, TrySendError, bounded};
 
-use crate::capture::calibration;
-use crate::files::Layout;
 use crate::packets::{Calibration, Detector};
-use crate::udp::Receiver;
 use crate::{LiveScans, Next, Scan, SourceError};
+use crate::{capture::calibration, files::Layout, udp::Receiver};
 
 /// The socket is waited for so long.
 const SILENCE: Duration = Duration::from_millis(500);

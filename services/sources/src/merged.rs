@@ -11,8 +11,7 @@ use mluc_ipc_types::Flags;
 use nalgebra::{IsometryMatrix3, Point3, Rotation3, Translation3};
 use serde::{Deserialize, Serialize};
 
-use crate::files::Layout;
-use crate::{Kind, Next, Open, Scan, Source};
+use crate::{Kind, Next, Open, Scan, Source, files::Layout};
 
 /// `[[lidar]]`: one of several sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

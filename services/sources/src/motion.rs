@@ -1,7 +1,6 @@
 //! How the sensor moved while it turned: its poses by time, from odometry or transforms, and a scan's points as if it had stood still.
 
-use std::array::from_fn;
-use std::collections::BTreeMap;
+use std::{array::from_fn, collections::BTreeMap};
 
 use mluc_ipc_types::{EgoPose, Flags};
 use nalgebra::{IsometryMatrix3, Quaternion, Translation3, UnitQuaternion};

@@ -4,10 +4,8 @@ use std::fs::File;
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 
-use etherparse::defrag::IpDefragPool;
-use etherparse::{NetSlice, SlicedPacket, TransportSlice, UdpSlice};
-use pcap_parser::traits::PcapReaderIterator;
-use pcap_parser::{Linktype, PcapBlockOwned, PcapError, create_reader};
+use etherparse::{NetSlice, SlicedPacket, TransportSlice, UdpSlice, defrag::IpDefragPool};
+use pcap_parser::{Linktype, PcapBlockOwned, PcapError, create_reader, traits::PcapReaderIterator};
 
 use crate::packets::{Calibration, Datagram, Decoder, Detector};
 use crate::{SourceError, refused};

@@ -8,15 +8,12 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::os::fd::AsRawFd;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use nix::cmsg_space;
-use nix::errno::Errno;
 use nix::sys::socket::{
     ControlMessageOwned, MsgFlags, SockaddrStorage, getsockopt, recvmsg, setsockopt, sockopt,
 };
-use nix::sys::time::TimeSpec;
+use nix::{cmsg_space, errno::Errno, sys::time::TimeSpec};
 
-use crate::SourceError;
-use crate::packets::Datagram;
+use crate::{SourceError, packets::Datagram};
 
 /// Half a second of the fastest sensor (VLS-128, two returns: 22 MB/s), rounded up; the system may grant less.
 const BUFFER_BYTES: usize = 16 << 20;

@@ -3,8 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use mluc_ipc_types::Flags;
-use mluc_sources::files::Layout;
-use mluc_sources::{Next, Scan, Source};
+use mluc_sources::{Next, Scan, Source, files::Layout};
 
 const POINTS: [f32; 12] = [
     1.0, 2.0, 3.0, 0.5, -4.0, 5.5, -6.0, 0.25, 7.0, -8.0, 9.0, 1.0,

@@ -5,8 +5,7 @@
 mod record;
 mod server;
 
-use std::path::PathBuf;
-use std::process::ExitCode;
+use std::{path::PathBuf, process::ExitCode};
 
 use clap::{Parser, Subcommand};
 use mluc_runtime::{Instance, log_to_stderr};

@@ -1,14 +1,10 @@
 //! `mluc record`: MCAP with the profile `ros2`, which ROS 2 plays, Foxglove and Rerun open, and `mluc up --input` reads.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::fs::File;
-use std::io::BufWriter;
-use std::path::Path;
-use std::process::ExitCode;
+use std::{fs::File, io::BufWriter, path::Path, process::ExitCode};
 
 use anyhow::{Context, Result};
-use mcap::records::MessageHeader;
-use mcap::{Compression, WriteOptions};
+use mcap::{Compression, WriteOptions, records::MessageHeader};
 use mluc_gateway::ros2::{encode_bytes, line_topic, stage_topic, topics};
 use mluc_ipc_types::{Detection, FeatureBlock, Stage, Topic};
 use mluc_runtime::{Input, Payload, RuntimeError, Shell};

@@ -1,7 +1,6 @@
 //! What cannot be begun is refused in words, and leaves everything as it was.
 
-use std::net::TcpListener;
-use std::process::Command;
+use std::{net::TcpListener, process::Command};
 
 #[test]
 fn a_port_that_is_taken_and_a_file_that_exists_are_refused() {

@@ -1,7 +1,6 @@
 //! Another client at the other end: the Python package of zenoh hears the objects that `mluc up` prints (`client.py`).
 
-use std::net::TcpListener;
-use std::process::Command;
+use std::{net::TcpListener, process::Command};
 
 use mluc_tests::{Running, Setting, built_program, python_with, root};
 use serde_json::{Value, json};

@@ -1,10 +1,8 @@
 //! The program under test, and its process.
 
-use std::fs::File;
-use std::os::unix::fs::FileExt;
-use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
+use std::{fs::File, os::unix::fs::FileExt, os::unix::process::CommandExt};
 
 use anyhow::{Context, bail, ensure};
 use mluc_ipc_types::RunDescription;

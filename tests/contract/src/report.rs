@@ -1,7 +1,6 @@
 //! What the suite found.
 
-use minijinja::Environment;
-use minijinja::value::Serde;
+use minijinja::{Environment, value::Serde};
 use serde::Serialize;
 
 #[derive(Serialize)]

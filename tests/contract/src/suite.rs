@@ -5,12 +5,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail, ensure};
 use clap::Args;
-use mluc::external::installed_program;
-use mluc::model::load;
 use mluc::settings::{DEFAULT_MODEL, Settings};
-use mluc::stages::describe_run;
-use mluc::terminal::print_out;
 use mluc::{EXIT_FAILURE, UsageError};
+use mluc::{external::installed_program, model::load, stages::describe_run, terminal::print_out};
 use mluc_geometry::Random;
 use mluc_ipc_types::{FrameHeader, RunDescription, Stage, WIRE_VERSION};
 use mluc_runtime::{

@@ -1,7 +1,6 @@
 //! `mluc-contract`: our refiners and the examples in Python and C++ pass, a program with a fault does not.
 
-use std::process::Command;
-use std::time::Duration;
+use std::{process::Command, time::Duration};
 
 use mluc_tests::{
     Finished, Running, Setting, cpp_example, python_example, python_script, untrained_model,

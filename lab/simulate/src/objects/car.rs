@@ -18,6 +18,8 @@ struct Profile {
     panelled: bool,
     /// An open load bed behind the cabin.
     bed: bool,
+    /// Whether the body is closed and as high as the belt up to the deck, wherever that is.
+    upright: bool,
 }
 
 /// The underside between the wheels, and how it rises towards nose and tail.
@@ -46,14 +48,13 @@ const SUV: Style = ([0.23, 0.10, -0.40, -0.475], [0.5, 0.6, 0.61, 0.58], 0.85);
 const MINI: Style = ([0.30, 0.13, -0.38, -0.47], [0.44, 0.58, 0.58, 0.55], 0.80);
 const COUPE: Style = ([0.17, 0.0, -0.18, -0.40], [0.46, 0.62, 0.65, 0.68], 0.80);
 const PICKUP: Style = ([0.22, 0.10, -0.06, -0.10], [0.52, 0.6, 0.6, 0.6], 0.80);
-/// A high car whose tail stands upright.
-const UPRIGHT: Style = ([0.29, 0.14, -0.465, -0.49], [0.47, 0.59, 0.6, 0.56], 0.87);
+/// Where rear window and tail of a car are whose tail stands upright, fractions of the length.
+const UPRIGHT: [f32; 2] = [-0.475, -0.488];
 const MINIBUS: Style = ([0.38, 0.26, -0.47, -0.495], [0.36, 0.5, 0.52, 0.5], 0.88);
 
 /// A passenger car with KITTI's or UDI's sizes.
 pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
-    // (weight, style, change of length, of height): the changes cancel in the mean of the first seven.
-    let upright = if family == Family::SimAny { 0.06 } else { 0.0 };
+    // (weight, style, change of length, of height): the changes cancel in the mean.
     let styles = [
         (0.26, SEDAN, 0.35, -0.05),
         (0.26, HATCH, -0.12, -0.03),
@@ -62,9 +63,17 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
         (0.15, MINI, -0.65, 0.0),
         (0.04, COUPE, 0.0, -0.16),
         (0.02, PICKUP, 0.6, 0.2),
-        (upright, UPRIGHT, -0.1, 0.08),
     ];
-    let (_, style, longer, higher) = styles[dice.weighted(&styles.map(|s| s.0))];
+    let (_, mut style, longer, higher) = styles[dice.weighted(&styles.map(|s| s.0))];
+    let bed = style == PICKUP;
+    let upright = family == Family::SimAny && [HATCH, ESTATE, SUV, MINI].contains(&style);
+    if upright {
+        // Seen from behind, many a car is one upright face.
+        let share = dice.unit();
+        for (along, upright) in style.0[2..].iter_mut().zip(UPRIGHT) {
+            *along += share * (upright - *along);
+        }
+    }
     let base = match family {
         Family::SimKitti => v(3.84, 1.62, 1.53),
         Family::SimUdi => v(4.43, 1.85, 1.55),
@@ -73,7 +82,6 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
     let length = dice.normal(base.x + longer, 0.26).max(2.6);
     let width = dice.normal(base.y + 0.08 * longer, 0.085);
     let height = dice.normal(base.z + higher, 0.1).max(1.2);
-    let bed = style == PICKUP;
     // Rays pass below real cars, and below their tails most.
     let underside = match family {
         Family::SimAny => Underside {
@@ -84,7 +92,7 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
         _ => UNDERSIDE,
     };
     let size = v(length, width, height);
-    body(style, [false, bed], underside, size, dice)
+    body(style, [false, bed, upright], underside, size, dice)
 }
 
 /// A van: cab forward, often without rear windows.
@@ -93,13 +101,13 @@ pub(super) fn van(dice: &mut Dice) -> Model {
     let length = dice.normal(5.07, 0.6).max(3.8);
     let width = dice.normal(1.9, 0.14);
     let size = v(length, width, dice.normal(2.21, 0.26).max(1.75));
-    body(MINIBUS, [panelled, false], UNDERSIDE, size, dice)
+    body(MINIBUS, [panelled, false, false], UNDERSIDE, size, dice)
 }
 
 /// The vehicle of a style, with small changes, so that no two of a style agree.
 fn body(
     style: Style,
-    [panelled, bed]: [bool; 2],
+    [panelled, bed, upright]: [bool; 3],
     underside: Underside,
     size: V3,
     dice: &mut Dice,
@@ -107,12 +115,17 @@ fn body(
     let mut near = |values: [f32; 4], halves: [f32; 4]| -> [f32; 4] {
         std::array::from_fn(|i| values[i] + dice.spread(halves[i]))
     };
+    let mut along = near(style.0, [0.02, 0.02, 0.02, 0.008]);
+    if upright {
+        along[2] = along[2].max(along[3] + 0.003);
+    }
     let profile = Profile {
-        along: near(style.0, [0.02, 0.02, 0.02, 0.008]),
+        along,
         heights: near(style.1, [0.03, 0.03, 0.02, 0.03]),
         roof_width: style.2 + dice.spread(0.04),
         panelled,
         bed,
+        upright,
     };
     let colour = paint(dice);
     let wheel_radius = dice.range(0.29, 0.35) * (size.z / 1.53).clamp(0.95, 1.12);
@@ -149,10 +162,17 @@ fn lower_body(
 ) {
     let [cowl, _, roof_rear, deck] = p.along;
     let [nose, hood, belt, tail] = p.heights;
+    let last = |along: f32| {
+        if p.upright {
+            along.min(deck - 0.001)
+        } else {
+            along
+        }
+    };
     let tops = [
         (-0.5, tail * 0.72),
-        (-0.487, tail * 0.86),
-        (-0.47, tail),
+        (last(-0.487), tail * 0.86),
+        (last(-0.47), tail),
         (deck, belt),
         (cowl, belt),
         (cowl + 0.02, hood),
@@ -187,7 +207,9 @@ fn lower_body(
         };
         let top = (interpolate(&tops, f) * size.z).max(bottom + 0.05);
         let half = size.y / 2.0 * interpolate(&plan, f.abs().max(0.2));
-        let hollow = (f > deck + 0.01 && f < cowl - 0.01) || (p.bed && f < deck && f > -0.48);
+        let from = if p.upright { -0.45 } else { deck };
+        let hollow =
+            (f > from.max(deck) + 0.01 && f < cowl - 0.01) || (p.bed && f < deck && f > -0.48);
         let middle = if hollow { 0.42 * size.z } else { top + 0.02 };
         let x = f * size.x;
         let mut ring = mirrored(&[

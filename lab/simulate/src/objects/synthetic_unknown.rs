@@ -9,10 +9,12 @@ use super::super::mesh::{Mesh, V3};
 use super::super::random::Dice;
 use super::{ANNOTATION_MARGIN_M, Class, Family, Model, Realism, Step, exact, mean_size_m};
 use crate::synthetic_unknown::{
-    ALIKE_CHANCE, ANYWHERE, CUT_CHANCE, CUT_LOW, CUT_SHARE, JOIN_CHANCE, LIES_CHANCE, ON_ROADS,
-    Scaling, has_known_size, has_road_size,
+    ALIKE_CHANCE, ANYWHERE, CUT_CHANCE, CUT_LOW, CUT_SHARE, JOIN_CHANCE, LARGE_BEND, LARGE_CHANCE,
+    LARGE_M, LIES_CHANCE, ON_ROADS, Scaling, has_known_size, has_road_size,
 };
 
+/// Of a car's height: what is below stays below.
+const UNDERSIDE: f32 = 0.15;
 /// Draws for one object; the last is taken as it comes.
 const DRAWS: usize = 64;
 
@@ -49,11 +51,16 @@ fn scaling(family: Family) -> &'static Scaling {
 
 /// A model, and whether a vehicle is part of it.
 fn attempt(family: Family, dice: &mut Dice) -> (Model, bool) {
-    let first = known_class(family, dice);
+    let is_any = family == Family::SimAny;
+    let is_large = is_any && dice.chance(LARGE_CHANCE);
+    let first = if is_large {
+        Class::Car
+    } else {
+        known_class(family, dice)
+    };
     let mut mesh = body(first, family, dice);
     let mut has_vehicle = first.is_vehicle();
-    let is_any = family == Family::SimAny;
-    if is_any && dice.chance(LIES_CHANCE) {
+    if is_any && !is_large && dice.chance(LIES_CHANCE) {
         mesh.map(|p| V3::new(p.z, p.y, -p.x));
     }
     let alike = (is_any && dice.chance(ALIKE_CHANCE)).then(|| dice.unit());
@@ -62,19 +69,43 @@ fn attempt(family: Family, dice: &mut Dice) -> (Model, bool) {
         alike.map_or_else(|| dice.range(low, high), |share| low + (high - low) * share)
     });
     factors = factors.map(f32::exp);
-    if dice.chance(JOIN_CHANCE as f32) {
+    if !is_large && dice.chance(JOIN_CHANCE as f32) {
         let second = known_class(family, dice);
         has_vehicle |= second.is_vehicle();
         mesh = join(mesh, body(second, family, dice), dice.chance(0.5));
         // A join is new by itself: scale it less.
         factors = factors.map(f32::sqrt);
     }
-    mesh.map(|p| p * V3::from(factors));
+    if is_large {
+        enlarge(&mut mesh, dice);
+    } else {
+        mesh.map(|p| p * V3::from(factors));
+    }
     if dice.chance(CUT_CHANCE as f32) {
         cut(&mut mesh, dice);
     }
     mesh.put_down();
     (Model::new(mesh), has_vehicle)
+}
+
+/// Stretches a car to the size of a van, truck or bus, and its bonnet up towards the roof.
+fn enlarge(mesh: &mut Mesh, dice: &mut Dice) {
+    let size_m = LARGE_M.map(|[low, high]| dice.range(low, high));
+    let bend = dice.range(LARGE_BEND[0], LARGE_BEND[1]);
+    let (low, extent) = (mesh.bounds().0, extent(mesh));
+    mesh.map(|p| {
+        let share = (p - low) / extent;
+        let above = ((1.0 - share.z) / (1.0 - UNDERSIDE)).max(0.0);
+        let bent = 1.0 - (1.0 - UNDERSIDE) * above.powf(bend);
+        let height = if above < 1.0 { bent } else { share.z };
+        V3::new(share.x - 0.5, share.y - 0.5, height) * V3::from(size_m)
+    });
+}
+
+/// l, w, h of what is there, m.
+fn extent(mesh: &Mesh) -> V3 {
+    let (low, high) = mesh.bounds();
+    (high - low).max(V3::splat(1e-3))
 }
 
 /// What the label of a known object states the size of: without mirrors.
@@ -98,11 +129,7 @@ fn known_class(family: Family, dice: &mut Dice) -> Class {
 /// and height), the part before (above) its own.
 fn join(mut rear: Mesh, mut front: Mesh, stacked: bool) -> Mesh {
     let axis = if stacked { V3::Z } else { V3::X };
-    let size = |mesh: &Mesh| {
-        let (low, high) = mesh.bounds();
-        (high - low).max(V3::splat(1e-3))
-    };
-    let fit = size(&rear) / size(&front);
+    let fit = extent(&rear) / extent(&front);
     front.map(|p| V3::select(axis.cmpeq(V3::ZERO), p * fit, p));
     let middle = |mesh: &Mesh| {
         let (low, high) = mesh.bounds();

@@ -1,9 +1,8 @@
 //! A scan from above: points by colour, boxes by kind, range rings in metres. Forward (+x) is up, left (+y) is left.
 
 use super::canvas::{Canvas, Color};
-use super::captions::Captions;
-use super::legend::draw_legend;
 use super::view::{BoxKind, DrawnBox, NIGHT, RING, View, color_of, ramp};
+use super::{captions::Captions, legend::draw_legend};
 
 /// Heights at the ends of the ramp, m above the sensor.
 pub(super) const RAMP_M: [f32; 2] = [-2.2, 1.2];

@@ -1,8 +1,6 @@
 //! A small bitmap alphabet: 5 x 7 dots a letter, capitals alone (small letters are shown as capitals).
 
-use std::array;
-use std::collections::HashMap;
-use std::sync::LazyLock;
+use std::{array, collections::HashMap, sync::LazyLock};
 
 pub(super) const GLYPH_COLUMNS: usize = 5;
 pub(super) const GLYPH_ROWS: usize = 7;

@@ -3,9 +3,8 @@
 use mluc_geometry::Box3;
 
 use super::bird_eye::{RAMP_M, bounds_px, color_of_height, draw_captions, splat};
-use super::canvas::Canvas;
-use super::legend::draw_legend;
 use super::view::{BoxKind, DrawnBox, NIGHT, color_of};
+use super::{canvas::Canvas, legend::draw_legend};
 
 /// Where the eye is in the sensor frame, m.
 const EYE_M: [f64; 3] = [-16.0, 0.0, 9.0];

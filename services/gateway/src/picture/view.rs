@@ -41,10 +41,10 @@ pub struct View {
 }
 
 impl View {
-    /// Full circle out to 51.2 m, 10 px a metre.
+    /// Full circle: 70.4 m ahead, else 51.2 m, 10 px a metre.
     pub fn around() -> View {
         View {
-            x_m: [-51.2, 51.2],
+            x_m: [-51.2, 70.4],
             y_m: [-51.2, 51.2],
             px_per_m: 10.0,
             title: String::new(),

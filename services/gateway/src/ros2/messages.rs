@@ -4,8 +4,7 @@ use mluc_ipc_types::{Object, Point};
 use serde_json::{Value, json};
 
 use super::cdr::{RosTopic, put_number};
-use crate::lines::object_line;
-use crate::picture::label_color;
+use crate::{lines::object_line, picture::label_color};
 
 /// Frame of the robot, as REP 105 names it.
 const BASE_FRAME: &str = "base_link";

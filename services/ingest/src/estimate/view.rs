@@ -4,8 +4,7 @@
 use mluc_ipc_types::{Point, Status};
 use mluc_model::SensorProfile;
 
-use super::level::LevelFinder;
-use super::{GROUND_SHARE_MIN, HEIGHT_M, SAMPLE};
+use super::{GROUND_SHARE_MIN, HEIGHT_M, SAMPLE, level::LevelFinder};
 
 /// Looks in a row without something before it counts as lost.
 const LOOKS: u8 = 3;

@@ -1,7 +1,6 @@
 //! `mluc demo`: the whole pipeline, four processes, on the user's scans or on those that the program brings along, for people.
 
-use std::path::Path;
-use std::process::ExitCode;
+use std::{path::Path, process::ExitCode};
 
 use anyhow::Context;
 use mluc_gateway::picture::{BoxKind, DrawnBox, View, bird_eye};
@@ -11,12 +10,9 @@ use mluc_runtime::{Shutdown, log_to_stderr};
 use mluc_sources::is_live;
 
 use super::up::Summary;
-use crate::bundled::BundledScans;
-use crate::cli::PipelineArgs;
-use crate::piped::Piped;
 use crate::settings::{Pace, Settings};
 use crate::supervisor::{Left, Sink, run};
-use crate::terminal::print_out;
+use crate::{bundled::BundledScans, cli::PipelineArgs, piped::Piped, terminal::print_out};
 
 pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");

@@ -2,8 +2,7 @@
 
 mod input;
 
-use std::fs;
-use std::process::ExitCode;
+use std::{fs, process::ExitCode};
 
 use mluc_backbone::Precision;
 use mluc_ingest::Expected;

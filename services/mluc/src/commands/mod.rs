@@ -10,8 +10,7 @@ mod status;
 mod top;
 mod up;
 
-use std::os::unix::process::CommandExt;
-use std::process::ExitCode;
+use std::{os::unix::process::CommandExt, process::ExitCode};
 
 use anyhow::{Context, Result, bail};
 use mluc_runtime::{ClaimNote, Instance, Shell, log_to_stderr};

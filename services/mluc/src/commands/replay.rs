@@ -1,22 +1,19 @@
 //! `mluc replay`: the pipeline on what `mluc record` wrote, its objects against the recorded ones.
 
-use std::path::Path;
-use std::process::ExitCode;
+use std::{path::Path, process::ExitCode};
 
 use anyhow::Context;
-use mluc_gateway::lines::line;
-use mluc_gateway::ros2::line_topic;
+use mluc_gateway::{lines::line, ros2::line_topic};
 use mluc_ipc_types::{Flags, Stage};
 use mluc_runtime::{Shutdown, log_to_stderr};
 use mluc_sources::{Recorded, place};
 use serde_json::{Value, json};
 
-use crate::cli::PipelineArgs;
 use crate::settings::{Pace, Settings, StageSettings};
-use crate::stages::played;
 use crate::supervisor::{Left, Sink, run};
 use crate::terminal::{print_err, print_out};
 use crate::{EXIT_FAILURE, UsageError, model};
+use crate::{cli::PipelineArgs, stages::played};
 
 /// Every recorded scan goes through the pipeline. Exit code 1: other objects, or no frame to compare.
 pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Result<ExitCode> {

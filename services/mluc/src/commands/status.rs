@@ -1,7 +1,6 @@
 //! `mluc status`: how a running pipeline is, once.
 
-use std::process::ExitCode;
-use std::time::Duration;
+use std::{process::ExitCode, time::Duration};
 
 use anyhow::bail;
 use mluc_ipc_types::{CandidateCounts, Health, Stage};

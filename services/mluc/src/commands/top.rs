@@ -1,8 +1,6 @@
 //! `mluc top`: how a running pipeline is, once a second.
 
-use std::io::IsTerminal;
-use std::process::ExitCode;
-use std::time::Duration;
+use std::{io::IsTerminal, process::ExitCode, time::Duration};
 
 use mluc_ipc_types::{Health, HealthState, Stage};
 use mluc_runtime::{log_to_stderr, monotonic_ns, wall_clock_ns};

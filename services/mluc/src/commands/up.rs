@@ -1,18 +1,15 @@
 //! `mluc up`: the pipeline on scans, JSON lines on stdout.
 
-use std::collections::BTreeMap;
-use std::process::ExitCode;
+use std::{collections::BTreeMap, process::ExitCode};
 
 use mluc_gateway::lines::{line, status_line};
 use mluc_ipc_types::{Flags, FrameHeader, Status};
 use mluc_runtime::{Shutdown, log_to_stderr};
 
-use crate::EXIT_FAILURE;
-use crate::cli::PipelineArgs;
-use crate::piped::Piped;
-use crate::settings::Settings;
 use crate::supervisor::{Left, LineWriter, Outcome, Sink, hops, run};
-use crate::terminal::print_err;
+use crate::{
+    EXIT_FAILURE, cli::PipelineArgs, piped::Piped, settings::Settings, terminal::print_err,
+};
 
 pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("up", "info");

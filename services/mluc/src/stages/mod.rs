@@ -17,12 +17,9 @@ use mluc_runtime::{Shell, Shutdown, log_to_stderr, random_run_id, wall_clock_ns}
 use mluc_sources::{Open, Source};
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 
-use crate::cli::StageArgs;
-use crate::external::external;
 use crate::placement::{lock_memory, pin};
-use crate::resolve::Resolved;
-use crate::settings::Settings;
 use crate::{UsageError, model};
+use crate::{cli::StageArgs, external::external, resolve::Resolved, settings::Settings};
 
 /// A stage's process, until it is asked to end. `open`: of a program that knows more inputs than `mluc`.
 pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {

@@ -1,9 +1,8 @@
 //! What a stage makes of the model. While the run changes it, the next one is made in a thread beside the frames, and takes over
 //! with the first frame that carries its fingerprint.
 
-use std::process::Command;
-use std::sync::Arc;
 use std::thread::{self, JoinHandle};
+use std::{process::Command, sync::Arc};
 
 use anyhow::ensure;
 use mluc_ipc_types::{ContractError, FrameHeader};

@@ -8,12 +8,10 @@ mod reload;
 mod report;
 mod status;
 
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
+use std::{
+    collections::BTreeMap, fs::File, process::ExitCode, sync::Arc, sync::atomic::AtomicBool,
+};
 
 use mluc_ipc_types::{
     FrameHeader, Health, Object, Point, RunDescription, Stage, Status, Topic, WIRE_VERSION,
@@ -21,12 +19,9 @@ use mluc_ipc_types::{
 use mluc_model::Model;
 use mluc_runtime::{HealthWatch, Input, Instance, Message, Scans, Shell, Shutdown, monotonic_ns};
 
-use crate::cli::PipelineArgs;
-use crate::control::Control;
-use crate::model::PinnedModel;
 use crate::settings::{Pace, Settings};
-use crate::stages::begin_or_join_run;
 use crate::{EXIT_WARNINGS, UsageError, document, model};
+use crate::{cli::PipelineArgs, control::Control, model::PinnedModel, stages::begin_or_join_run};
 use mluc_sources::Source;
 use rustix::process::Signal;
 

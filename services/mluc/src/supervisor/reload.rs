@@ -13,11 +13,8 @@ use toml::{Table, Value};
 
 use super::Supervisor;
 use crate::control::{Reload, Thresholds};
-use crate::model::PinnedModel;
-use crate::resolve::below;
-use crate::settings::Settings;
-use crate::stages::describe_run;
 use crate::{document, model};
+use crate::{model::PinnedModel, resolve::below, settings::Settings, stages::describe_run};
 
 /// What may change. Processes, ports and memory were made for the rest.
 const MAY_CHANGE: &str = "model, lambda, unknown_min, profile, min_score, min_unknown_score";

@@ -7,8 +7,7 @@ use nalgebra::Matrix3;
 
 use crate::Sensor;
 use crate::fit::{ClusterPoints, Rectangle, higher, lower};
-use mluc_geometry::ground::ground_height_m;
-use mluc_geometry::ground::tiles::whole;
+use mluc_geometry::ground::{ground_height_m, tiles::whole};
 
 /// Measurements of one cluster, as the sensor saw it: nothing is completed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

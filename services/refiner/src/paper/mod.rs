@@ -10,12 +10,9 @@ pub use neighbourhood::Neighbourhood;
 
 use mluc_ipc_types::{Disposition, Object};
 
-use crate::FrameIndex;
 use crate::clusterer::{Clusterer, FrameTask};
-use crate::clusters::Measures;
 use crate::fit::{Fitter, Footprint};
-use crate::frame::IndexedPoint;
-use crate::proposal::Proposal;
+use crate::{FrameIndex, clusters::Measures, frame::IndexedPoint, proposal::Proposal};
 use crate::{Sensor, Settings, Variant};
 use grow::{Depth, Grower, Growth, Printed};
 use mluc_geometry::ground::GroundGrid;

@@ -1,9 +1,8 @@
 //! LAS (ASPRS' specification, versions 1.0 to 1.4): a header, records, points of one kind. Coordinates are whole numbers with a scale and an offset, of a map
 //! as a rule. Intensity has 16 bits. LAZ, its compression, is not read.
 
-use super::Layout;
-use super::layout::ROWS_MAX;
 use super::table::{Field, Kind, Table};
+use super::{Layout, layout::ROWS_MAX};
 use crate::{SourceError, refused};
 
 const HEADER_BYTES: usize = 227;

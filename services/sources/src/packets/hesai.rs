@@ -7,8 +7,7 @@ use std::sync::LazyLock;
 use mluc_model::SensorProfile;
 use serde::Deserialize;
 
-use super::sweep::Sweep;
-use super::{Calibration, Damaged, Echo, Revolution, u16_at, u32_at};
+use super::{Calibration, Damaged, Echo, Revolution, sweep::Sweep, u16_at, u32_at};
 use crate::SourceError;
 
 /// A product's packet: a header, blocks of an azimuth and a shot a channel, a tail. Bytes.

@@ -1,13 +1,11 @@
 //! Ouster's lidar packets and the metadata that they need (firmware user manual: "lidar data packet format", "coordinate frames and XYZ calculation").
 
-use std::f32::consts::TAU;
-use std::sync::LazyLock;
+use std::{f32::consts::TAU, sync::LazyLock};
 
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::sweep::Sweep;
-use super::{Calibration, Clock, Damaged, Echo, Revolution, u16_at, u32_at};
+use super::{Calibration, Clock, Damaged, Echo, Revolution, sweep::Sweep, u16_at, u32_at};
 use crate::{SourceError, refused};
 
 const COLUMNS_MAX: usize = 4096;

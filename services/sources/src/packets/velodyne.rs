@@ -9,9 +9,8 @@ use std::sync::LazyLock;
 use mluc_model::SensorProfile;
 use serde::Deserialize;
 
-use super::calibration::Laser;
-use super::sweep::Sweep;
 use super::{Calibration, Damaged, Echo, Revolution, u16_at, u32_at};
+use super::{calibration::Laser, sweep::Sweep};
 use crate::{SourceError, refused};
 
 const BYTES: usize = 1206;

@@ -7,9 +7,8 @@ use mluc_ipc_types::{
 };
 use mluc_runtime::{HealthWatch, Input, Instance, Output, Shell};
 
-use crate::program::Options;
-use crate::refiner::scene::usual;
 use crate::suite::{begin_run, stamp};
+use crate::{program::Options, refiner::scene::usual};
 
 /// Room for messages that break the contract: longer than its bounds.
 const TOO_MANY_DETECTIONS: usize = DETECTIONS_MAX + 88;

@@ -10,8 +10,7 @@ use mluc_ipc_types::{
 };
 use mluc_runtime::{HealthWatch, Input, Instance, Output, RuntimeError, Shell, monotonic_ns};
 
-use crate::program::Options;
-use crate::suite::begin_run;
+use crate::{program::Options, suite::begin_run};
 
 /// Between two messages of the status.
 const PERIOD_NS: u64 = 100_000_000;

@@ -8,8 +8,7 @@ use mluc_ingest::{Expected, decode_bin, inspect_bin};
 use mluc_ipc_types::{POINTS_MAX, Point};
 
 use super::{Failure, Finding, Fine, Warning};
-use mluc_sources::files::Layout;
-use mluc_sources::{Next, Open, Scan};
+use mluc_sources::{Next, Open, Scan, files::Layout};
 
 /// Scans that are looked at, spread over the input.
 const SCANS: u64 = 20;

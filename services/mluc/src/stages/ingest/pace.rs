@@ -5,8 +5,7 @@ use std::time::Duration;
 use mluc_runtime::{ClaimNote, RuntimeError, monotonic_ns};
 
 use super::sender::Sender;
-use crate::settings::Settings;
-use crate::supervisor::ROLE;
+use crate::{settings::Settings, supervisor::ROLE};
 
 /// Without stamps.
 const RATE_HZ: f64 = 10.0;

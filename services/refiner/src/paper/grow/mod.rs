@@ -8,8 +8,7 @@ mod printed;
 pub use depth::Depth;
 pub use printed::Printed;
 
-use crate::paper::buckets::Buckets;
-use crate::paper::neighbourhood::Neighbourhood;
+use crate::{paper::buckets::Buckets, paper::neighbourhood::Neighbourhood};
 
 /// What a cluster grows in.
 #[derive(Clone, Copy, Debug)]

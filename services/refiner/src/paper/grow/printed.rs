@@ -5,8 +5,7 @@
 //! in depth near 0, so the printed sign splits surfaces and joins what lies behind them: see [`super::Depth`].
 
 use super::{Grower, Growth};
-use crate::paper::angle::is_above;
-use crate::paper::buckets::Buckets;
+use crate::{paper::angle::is_above, paper::buckets::Buckets};
 
 /// Neighbours N(t): points closer than this in space, m. The paper leaves it open.
 const NEIGHBOUR_M: f32 = 0.5;

@@ -4,10 +4,8 @@ use anyhow::ensure;
 use mluc_ipc_types::{CandidateCounts, DETECTIONS_MAX, Detection, Flags, POINTS_MAX, Point};
 
 use super::Outcome;
-use crate::refiner::answer::is_flagged;
-use crate::refiner::player::Answer;
 use crate::refiner::scene::{CAR, CART, Thing, blob, candidate, known, scan, usual};
-use crate::refiner::session::Session;
+use crate::{refiner::answer::is_flagged, refiner::player::Answer, refiner::session::Session};
 
 pub(super) fn scene(session: &mut Session) -> Outcome {
     let before = session.fresh_health()?.candidates;

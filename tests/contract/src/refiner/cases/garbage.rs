@@ -5,11 +5,9 @@ use mluc_geometry::Random;
 use mluc_ipc_types::{DETECTIONS_MAX, Detection, Disposition, Flags, NAME_MAX, Object, POINTS_MAX};
 
 use super::Outcome;
-use crate::refiner::answer::is_flagged;
 use crate::refiner::player::{Answer, Frame};
 use crate::refiner::scene::{CART, candidate, scan};
-use crate::refiner::session::Session;
-use crate::suite::fill;
+use crate::{refiner::answer::is_flagged, refiner::session::Session, suite::fill};
 
 const NOISY_FRAMES: u64 = 8;
 

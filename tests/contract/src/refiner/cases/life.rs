@@ -8,9 +8,8 @@ use mluc_runtime::monotonic_ns;
 use rustix::process::Signal;
 
 use super::Outcome;
-use crate::refiner::player::Player;
-use crate::refiner::scene::usual;
 use crate::refiner::session::{Session, describe};
+use crate::{refiner::player::Player, refiner::scene::usual};
 
 /// Longest time between two heartbeats of a program that waits; five times the usual.
 const HEARTBEAT_MAX: Duration = Duration::from_millis(500);

@@ -4,9 +4,8 @@ use anyhow::{Context, ensure};
 use mluc_ipc_types::{Flags, Health, WIRE_VERSION};
 
 use super::Outcome;
-use crate::refiner::answer::is_flagged;
-use crate::refiner::session::Session;
 use crate::suite::{names_both, wrong_instance};
+use crate::{refiner::answer::is_flagged, refiner::session::Session};
 
 /// Another run than any of the suite's, whose ids are random.
 const OTHER_RUN: u64 = 1;
