@@ -214,6 +214,9 @@ fn find_upright(scan: &FrameIndex, found: &mut Vec<Upright>) {
             let at = Vector3::from(at_m.map(f64::from));
             (count, sum, squares) = (count + 1.0, sum + at, squares + at * at.transpose());
         }
+        if count < 3.0 {
+            continue;
+        }
         let mean_m: Vector3<f64> = sum / count;
         let all = squares / count - mean_m * mean_m.transpose();
         let covariance: Matrix2<f64> = all.fixed_view::<2, 2>(0, 0).into();
@@ -222,7 +225,7 @@ fn find_upright(scan: &FrameIndex, found: &mut Vec<Upright>) {
         let stands = |inverse: Matrix2<f64>| {
             all.m33 - follows.dot(&(inverse * follows)) >= STANDS_MIN_M.powi(2)
         };
-        if count >= 3.0 && mean_m.xy().norm() >= near_m && rounded.is_some_and(stands) {
+        if mean_m.xy().norm() >= near_m && rounded.is_some_and(stands) {
             let mean_m = mean_m.xy();
             found.push(Upright { mean_m, covariance });
         }

@@ -18,7 +18,7 @@ struct Profile {
     panelled: bool,
     /// An open load bed behind the cabin.
     bed: bool,
-    /// Whether the body is closed and as high as the belt up to the deck, wherever that is.
+    /// Whether the body is as high as the belt up to the deck, wherever that is.
     upright: bool,
 }
 
@@ -207,9 +207,7 @@ fn lower_body(
         };
         let top = (interpolate(&tops, f) * size.z).max(bottom + 0.05);
         let half = size.y / 2.0 * interpolate(&plan, f.abs().max(0.2));
-        let from = if p.upright { -0.45 } else { deck };
-        let hollow =
-            (f > from.max(deck) + 0.01 && f < cowl - 0.01) || (p.bed && f < deck && f > -0.48);
+        let hollow = (f > deck + 0.01 && f < cowl - 0.01) || (p.bed && f < deck && f > -0.48);
         let middle = if hollow { 0.42 * size.z } else { top + 0.02 };
         let x = f * size.x;
         let mut ring = mirrored(&[
@@ -283,4 +281,29 @@ fn interpolate(knots: &[(f32, f32)], at: f32) -> f32 {
         }
     }
     knots.last().map_or(0.0, |k| k.1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use parry3d::query::{Ray, RayCast};
+    use parry3d::shape::TriMesh;
+
+    #[test]
+    fn tails_of_cars_are_closed_below_their_windows() {
+        let is_open = |seed: &u64| {
+            let car = car(Family::SimAny, &mut Dice::new(&[41, *seed]));
+            let mesh = TriMesh::new(car.mesh.vertices.clone(), car.mesh.triangles.clone());
+            let mesh = mesh.expect("a mesh");
+            // Higher than any underside, lower than any window.
+            [0.5, 0.52, 0.54].iter().any(|share| {
+                let from = v(car.low.x - 1.0, 0.3, share * car.high.z);
+                let hit = mesh.cast_local_ray(&Ray::new(from, V3::X), 20.0, false);
+                hit.expect("a car") > 1.4
+            })
+        };
+        let open: Vec<u64> = (0..400).filter(is_open).collect();
+        // The beds of pickups.
+        assert!(open.len() < 20, "{} of 400: {open:?}", open.len());
+    }
 }

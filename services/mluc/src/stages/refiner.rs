@@ -77,7 +77,7 @@ impl Algorithm for RefinerStage {
         refiner.refine_within(header.sequence, points, detections, &mut is_over, refined);
         if let Some((tracker, estimator)) = &mut self.tracker {
             let mut followed = *header;
-            if header.ego.is_known == 0 {
+            if header.ego.is_known != 1 {
                 let scan = input.points.is_some().then(|| refiner.scan());
                 followed.ego = estimator.estimate(header, scan).unwrap_or_default();
             }
