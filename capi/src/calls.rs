@@ -276,7 +276,7 @@ pub unsafe extern "C" fn mluc_source_wait(
         // SAFETY: by the caller's promise.
         let (source, sequence) = unsafe { (opened(source)?, sequence.as_mut()) };
         let code = source.wait(Duration::from_millis(wait_ms.into()))?;
-        if let (Some(place), Some(next)) = (sequence, source.sequence()) {
+        if let (Some(place), Some(next)) = (sequence, source.next) {
             *place = next;
         }
         Ok(code)

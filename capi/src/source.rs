@@ -24,7 +24,7 @@ pub(crate) struct Source {
     /// The run, since when it is known here, and the sequence of its next scan; `None`: none can be taken yet.
     run_id: u64,
     begun_ns: u64,
-    next: Option<u64>,
+    pub(crate) next: Option<u64>,
     shell: Shell,
 }
 
@@ -44,11 +44,6 @@ impl Source {
             next: None,
             shell,
         })
-    }
-
-    /// Of the next scan, where one can be taken.
-    pub(crate) fn sequence(&self) -> Option<u64> {
-        self.next
     }
 
     /// Sleeps for `time`, with heartbeats. [`Code::Ok`]: a scan can be taken now; [`Code::Timeout`]: not yet.

@@ -71,6 +71,13 @@ pub struct Setting {
 }
 
 impl Setting {
+    /// A program that the test starts and ends itself, in this instance.
+    pub fn start_by_hand(&self, command: &[String]) -> Running {
+        let mut process = Command::new(&command[0]);
+        process.env("MLUC_INSTANCE", &self.instance);
+        Running::start(process.args(&command[1..]))
+    }
+
     pub fn new(label: &str, scans: usize) -> Setting {
         let folder = tempfile::tempdir().expect("a writable folder");
         let input = folder.path().join("scans");

@@ -1,6 +1,6 @@
 //! Somebody else's program at both ends: a source in ingest's place and consumers, the examples in Python and C++.
 
-use std::{collections::HashMap, process::Command};
+use std::collections::HashMap;
 
 use mluc_tests::{Running, Setting, cpp_example, leftovers, python_example, send_signal};
 use rustix::process::Signal;
@@ -27,11 +27,8 @@ fn stands_in(source: &[String]) {
     let config = setting.config(&format!("[stages.ingest]\ncommand = {command:?}\n"));
     let mut run = setting.up(&format!("{config} --pace sensor"));
     let consumers = [python_example("consumer"), cpp_example("consumer")];
-    let consumers = consumers.into_iter().flatten().map(|words| {
-        let mut command = Command::new(&words[0]);
-        command.args(&words[1..]);
-        Running::start(command.env("MLUC_INSTANCE", &setting.instance))
-    });
+    let consumers = consumers.into_iter().flatten();
+    let consumers = consumers.map(|words| setting.start_by_hand(&words));
     let mut consumers: Vec<Running> = consumers.collect();
     run.wait_for_lines(3);
     for consumer in &mut consumers {

@@ -86,13 +86,6 @@ fn a_scan_that_kills_a_foreign_refiner_twice_is_set_aside() {
     assert!(!run.flags("000004").contains(&"empty"));
 }
 
-/// A refiner that the test starts and ends.
-fn start_by_hand(setting: &Setting, command: &[String]) -> Running {
-    let mut process = Command::new(&command[0]);
-    process.env("MLUC_INSTANCE", &setting.instance);
-    Running::start(process.args(&command[1..]))
-}
-
 /// A pipeline whose refiner is started by hand: it makes the instance that the refiner joins.
 fn up_without_refiner(setting: &Setting, options: &str) -> Running {
     let mut run = setting.up(&format!("--without refiner {options}"));
@@ -115,7 +108,7 @@ fn a_refiner_is_replaced_by_hand_while_the_others_run() {
     commands.insert(0, ours.to_vec());
     commands.push(ours.to_vec());
     for command in commands {
-        let refiner = start_by_hand(&setting, &command);
+        let refiner = setting.start_by_hand(&command);
         run.wait_for_lines(4);
         refiner.stop();
     }
@@ -132,7 +125,7 @@ fn a_refiner_that_outlives_three_runs_loses_no_frame() {
     for command in foreign_refiners() {
         let setting = Setting::new("outlives", 22);
         let first = up_without_refiner(&setting, "");
-        let refiner = start_by_hand(&setting, &command);
+        let refiner = setting.start_by_hand(&command);
         let mut runs = vec![first.finish()];
         for _ in 1..3 {
             runs.push(setting.up("--without refiner").finish());
@@ -154,7 +147,7 @@ fn hostile_sequences_silence_nobody() {
     command.push("hostile".to_string());
     let setting = Setting::new("hostile", 6);
     let run = up_without_refiner(&setting, "");
-    let refiner = start_by_hand(&setting, &command);
+    let refiner = setting.start_by_hand(&command);
     let run = run.finish();
     refiner.stop();
     run.assert_complete(0, 6);

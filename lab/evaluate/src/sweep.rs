@@ -1,9 +1,8 @@
 //! The threshold of the gate: open-set figures for many, and the choice of one (paper, section 4.3): the paper's way (on the test frames
 //! themselves, an oracle) and the honest one (on one half of the frames, judged on the other, and swapped).
 
-use crate::{ClassRule, FrameTruth, JudgedFrames, OpenSetFigures, SensorDetection, harmonic_mean};
+use crate::{ClassRule, JudgedFrames, LabelledFrame, OpenSetFigures, harmonic_mean};
 use mluc_geometry::mean_and_spread;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -52,31 +51,21 @@ pub struct JudgedPoint {
 }
 
 impl JudgedPoint {
+    /// What the frames of a threshold are worth.
+    pub(crate) fn of(threshold: f64, frames: &[LabelledFrame], rules: &[ClassRule]) -> JudgedPoint {
+        let judged = JudgedFrames::of(frames, rules);
+        let half = |first: usize| (first..frames.len()).step_by(2).collect::<Vec<_>>();
+        JudgedPoint {
+            threshold,
+            all: judged.all(),
+            halves: [0, 1].map(|first| judged.figures(&half(first))),
+        }
+    }
+
     /// The main figures of all frames.
     pub fn main(&self) -> SweepPoint {
         SweepPoint::of(self.threshold, &self.all)
     }
-}
-
-/// Judges every threshold: `objects` are what is detected, by frame, then by threshold. The result does not depend on the number of threads.
-pub(crate) fn sweep(
-    truths: &[FrameTruth],
-    rules: &[ClassRule],
-    thresholds: &[f64],
-    objects: &[Vec<Vec<SensorDetection>>],
-) -> Vec<JudgedPoint> {
-    let point = |(at, threshold): (usize, &f64)| {
-        let with = |(i, truth): (usize, &FrameTruth)| truth.with(&objects[i][at]);
-        let frames: Vec<_> = truths.iter().enumerate().map(with).collect();
-        let judged = JudgedFrames::of(&frames, rules);
-        let half = |first: usize| (first..frames.len()).step_by(2).collect::<Vec<_>>();
-        JudgedPoint {
-            threshold: *threshold,
-            all: judged.all(),
-            halves: [0, 1].map(|first| judged.figures(&half(first))),
-        }
-    };
-    thresholds.par_iter().enumerate().map(point).collect()
 }
 
 /// Index of the point with the best harmonic mean among those that keep nine tenths of the mean AP of the first one, the closed set;

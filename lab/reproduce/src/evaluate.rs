@@ -62,14 +62,14 @@ pub(crate) fn evaluate_network(
     let model = read_model(layout, run)?;
     let key = key(&model, test);
     let mut missing = jobs(&model, network, seed);
-    let path = |job: &Job| layout.evaluation_of(setting, &job.key, seed);
-    missing.retain(|job| Evaluated::read(&path(job), &key).is_none());
+    let path = |name: &str| layout.evaluation_of(setting, name, seed);
+    missing.retain(|(name, ..)| Evaluated::read(&path(name), &key).is_none());
     if missing.is_empty() {
         return Ok(());
     }
     let file = layout.model_of(run);
-    for job in &missing {
-        let checked = job.method.check(&model);
+    for (_, method, _) in &missing {
+        let checked = method.check(&model);
         checked.map_err(|cause| EvaluateError::file(&file, cause))?;
     }
     screen.count("network", test.set.names().len() as u64);
@@ -77,14 +77,14 @@ pub(crate) fn evaluate_network(
     let rules = setting_rules(setting, NeighbourPolicy::Official)?;
     let strict = setting_rules(setting, NeighbourPolicy::Strict)?;
     let separation = separation(&frames, &rules);
-    for job in missing {
-        screen.count(&job.key, test.set.names().len() as u64);
+    for (name, method, full_step) in missing {
+        screen.count(&name, test.set.names().len() as u64);
         let input = MethodInput {
-            full_step: job.full_step,
+            full_step,
             step: &|| screen.tick(),
             ..MethodInput::new(&model, &test.set, &frames)
         };
-        let output = run_method(job.method, &input)?;
+        let output = run_method(method, &input)?;
         let evaluated = Evaluated {
             key: key.clone(),
             network: network.name().to_owned(),
@@ -92,30 +92,21 @@ pub(crate) fn evaluate_network(
             separation: separation.clone(),
             ..judge(&frames, [&rules, &strict], &output, test.resamples)
         };
-        evaluated.write(&path(&job))?;
+        evaluated.write(&path(&name))?;
     }
     Ok(())
 }
 
-/// Something to be judged: a row, or our method as it was after one of its steps.
-struct Job {
-    key: String,
-    method: Method,
-    full_step: usize,
-}
+/// Something to be judged, a row or our method as it was after one of its steps: its key, method and steps.
+type Job = (String, Method, usize);
 
 fn jobs(model: &Model, network: NetworkKind, seed: u64) -> Vec<Job> {
-    let job = |key: String, method: Method, full_step: usize| Job {
-        key,
-        method,
-        full_step,
-    };
-    let row = |row: &MethodRow| job(row.key.clone(), row.method, usize::MAX);
+    let row = |row: &MethodRow| (row.key.clone(), row.method, usize::MAX);
     let mut jobs: Vec<Job> = MethodRow::on(network, seed).map(row).collect();
     if network == Method::MlucFull.row().network && seed == 1 {
         // The last one is the row itself.
         let steps = 0..full_steps(model).len() - 1;
-        jobs.extend(steps.map(|step| job(step_key(step), Method::MlucFull, step)));
+        jobs.extend(steps.map(|step| (step_key(step), Method::MlucFull, step)));
     }
     jobs
 }

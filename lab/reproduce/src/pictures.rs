@@ -49,10 +49,8 @@ fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>> {
             shown: SensorDetection {
                 class: label.class.clone(),
                 kind: rule.map_or(ObjectKind::Known, |rule| rule.kind),
-                score: 1.0,
-                probability: None,
                 track: label.track,
-                box_in_sensor,
+                ..SensorDetection::unknown(1.0, box_in_sensor)
             },
         }
     });
@@ -77,11 +75,8 @@ pub(crate) fn figure6_scene(test: &TestFrames, evaluated: &ByRow) -> Result<Opti
     let mut panels: Vec<Panel> = Vec::new();
     for (method, title) in SHOWN {
         let first = evaluated.get(method).and_then(|seeds| seeds.first());
-        if let Some(first) = first.filter(|_| panels.iter().all(|panel| panel.title != title)) {
-            panels.push(Panel {
-                title: title.to_owned(),
-                boxes: shown(first, index),
-            });
+        if let Some(first) = first.filter(|_| panels.iter().all(|(own, _)| own != title)) {
+            panels.push((title.to_owned(), shown(first, index)));
         }
     }
     let truths = truths(test, index)?;

@@ -300,11 +300,8 @@ fn turn(
     let Stream { family, split, .. } = stream;
     let key = random::hash(&[stream.seed, family as u64, split as u64, u64::from(index)]);
     let dice = |stage: u64| Dice::new(&[key, stage]);
-    let profile = match (sensor, family) {
-        (Some(given), _) => Some(given.clone()),
-        (None, Family::SimAny) => Some(drawn::sensor(&mut dice(7))),
-        (None, _) => None,
-    };
+    let any = || (family == Family::SimAny).then(|| drawn::sensor(&mut dice(7)));
+    let profile = sensor.cloned().or_else(any);
     let drawn = || drawn::height_m(&mut dice(8));
     let height_m = profile.as_ref().map(|p| p.height_m.unwrap_or_else(drawn));
     let ground = ground::Ground::draw(family, height_m, &mut dice(1));

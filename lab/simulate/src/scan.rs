@@ -35,15 +35,11 @@ pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
         let shot @ (beam, column) = (i / columns, i % columns);
         let Some(hit) = hit else { continue };
         let neighbour = hits[beam * columns + (column + 1) % columns];
-        if let Some(point) = returned(sensor, *hit, neighbour, shot) {
-            sweep.points.push(point);
-            sweep.instances.push(hit.instance);
-            sweep.times_s.push(sensor.time_s(column));
-        }
+        let first = returned(sensor, *hit, neighbour, shot).map(|point| (point, hit.instance));
         let is_dual = unit(sensor.bits(Stream::Second, shot)) < sensor.second_returns;
         let behind = neighbour.filter(|n| is_dual && n.range_m - hit.range_m > EDGE_M[0]);
         let second = behind.and_then(|b| Some((returned(sensor, b, None, shot)?, b.instance)));
-        if let Some((point, instance)) = second {
+        for (point, instance) in first.into_iter().chain(second) {
             sweep.points.push(point);
             sweep.instances.push(instance);
             sweep.times_s.push(sensor.time_s(column));

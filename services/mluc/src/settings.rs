@@ -336,19 +336,15 @@ impl Settings {
         if !self.lidar.is_empty() && (self.input.is_some() || self.repeat) {
             return refused("[[lidar]] goes without input and loop".to_string());
         }
-        if let Err(error) = self.layout.check() {
-            return refused(format!("[layout] {error}"));
-        }
+        let layout = self.layout.check();
+        layout.map_err(|error| UsageError(format!("[layout] {error}")))?;
         for stage in Stage::ALL {
             self.stages[stage].check(stage.name())?;
         }
-        if let Err(error) = self.refiner.check() {
-            return refused(format!("[refiner] {error}"));
-        }
-        match self.track.map(|track| track.check()) {
-            Some(Err(error)) => refused(error.to_string()),
-            _ => Ok(()),
-        }
+        let refiner = self.refiner.check();
+        refiner.map_err(|error| UsageError(format!("[refiner] {error}")))?;
+        let track = self.track.map_or(Ok(()), |track| track.check());
+        track.map_err(|error| UsageError(error.to_string()))
     }
 }
 

@@ -20,15 +20,8 @@ use crate::report::{Report, Verdict};
 /// What was seen when it passed; why not when it failed.
 pub(crate) type Outcome = anyhow::Result<String>;
 
-/// A part of the contract.
-pub(crate) struct Case<S> {
-    pub(crate) name: &'static str,
-    pub(crate) run: fn(&mut S) -> Outcome,
-}
-
-pub(crate) const fn case<S>(name: &'static str, run: fn(&mut S) -> Outcome) -> Case<S> {
-    Case { name, run }
-}
+/// A part of the contract, by name.
+pub(crate) type Case<S> = (&'static str, fn(&mut S) -> Outcome);
 
 /// The stages around one program.
 pub(crate) trait Suite: Sized + 'static {
@@ -94,7 +87,7 @@ pub(crate) fn run<S: Suite>(
     args: &SuiteArgs,
     programs: Vec<(String, Vec<String>)>,
 ) -> anyhow::Result<ExitCode> {
-    let names: Vec<&str> = S::CASES.iter().map(|case| case.name).collect();
+    let names: Vec<&str> = S::CASES.iter().map(|(name, _)| *name).collect();
     let is_unknown = |name: &&String| !names.contains(&name.as_str());
     if let Some(found) = args.cases.iter().find(is_unknown) {
         let expected = names.join(", ");
@@ -130,22 +123,20 @@ fn judge<S: Suite>(options: Options, wanted: &[String]) -> anyhow::Result<Report
     let title = options.title.clone();
     let mut suite = S::new(options)?;
     let is_wanted = |name: &str| wanted.is_empty() || wanted.iter().any(|word| word == name);
-    let mut cases = S::CASES.iter().filter(|case| is_wanted(case.name));
+    let mut cases = S::CASES.iter().filter(|(name, _)| is_wanted(name));
     let (mut verdicts, mut not_run) = (Vec::new(), 0);
-    while let Some(case) = cases.next() {
+    while let Some(&(name, act)) = cases.next() {
         let begun = Instant::now();
-        let is_ready = match case.name {
-            name if name == S::CASES[0].name => Ok(()),
-            _ => suite.ready(),
-        };
-        let result = is_ready.and_then(|()| (case.run)(&mut suite));
+        let is_first = name == S::CASES[0].0;
+        let is_ready = if is_first { Ok(()) } else { suite.ready() };
+        let result = is_ready.and_then(|()| act(&mut suite));
         suite.tested().check_uninterrupted()?;
         let passed = result.is_ok();
-        let prefix = format!("{}: ", case.name);
+        let prefix = format!("{name}: ");
         let mut asks = S::ASKS.lines();
         let asks = asks.find_map(|line| line.strip_prefix(&prefix));
         verdicts.push(Verdict {
-            name: case.name,
+            name,
             asks: asks.expect("a line for every case"),
             passed,
             what: result.unwrap_or_else(|error| format!("{error:#}")),

@@ -1,10 +1,7 @@
 //! The stages one after the other, as plain function calls: the network over scans, then a gate and the refiner at many thresholds.
 
 use super::{DetectedFrame, FrameSet, ModelGate};
-use crate::sweep::sweep;
-use crate::{
-    ClassRule, FrameTruth, JudgedPoint, LabelledFrame, ObjectKind, Result, SensorDetection, UNKNOWN,
-};
+use crate::{ClassRule, JudgedPoint, LabelledFrame, ObjectKind, Result, SensorDetection, UNKNOWN};
 use mluc_backbone::{Backbone, Precision};
 use mluc_geometry::Box3;
 use mluc_head::{Detection, Head, stand_on_ground};
@@ -109,10 +106,12 @@ impl GatedObjects {
         frames.map(with).collect()
     }
 
-    /// Judges every threshold on the frames that the objects were found in.
+    /// Judges every threshold on the frames that the objects were found in. The result does not depend on the number of threads.
     pub fn sweep(&self, frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<JudgedPoint> {
-        let truths: Vec<FrameTruth> = frames.iter().map(|frame| frame.truth.clone()).collect();
-        sweep(&truths, rules, &self.thresholds, &self.objects)
+        let point = |(at, threshold): (usize, &f64)| {
+            JudgedPoint::of(*threshold, &self.labelled(frames, at), rules)
+        };
+        self.thresholds.par_iter().enumerate().map(point).collect()
     }
 
     /// Every box as it is and of its class, at the one threshold 0.

@@ -1,6 +1,6 @@
 //! The open-set figures: of the whole and of parts of a data set, at many thresholds of the gate, and the choice of one.
 
-use crate::sweep::{quantile_grid, sweep};
+use crate::sweep::quantile_grid;
 use crate::{
     ClassRule, FrameTruth, JudgedFrames, JudgedPoint, LabelledFrame, NeighbourPolicy, ObjectKind,
     SensorDetection, SweepPoint, UnknownProtocol, best_index, evaluate, honest,
@@ -64,12 +64,8 @@ impl Scene {
     }
 
     fn judged(&self, thresholds: &[f64]) -> Vec<JudgedPoint> {
-        let of_frame = |frame: usize| {
-            let at = thresholds.iter().map(|t| self.detections(frame, *t));
-            at.collect()
-        };
-        let objects: Vec<_> = (0..self.truths.len()).map(of_frame).collect();
-        sweep(&self.truths, &self.rules, thresholds, &objects)
+        let point = |t: &f64| JudgedPoint::of(*t, &self.frames(*t), &self.rules);
+        thresholds.iter().map(point).collect()
     }
 
     fn sweep(&self, thresholds: &[f64]) -> Vec<SweepPoint> {

@@ -46,25 +46,15 @@ fn entries(network: &Network, weights: &WeightSet, layout: SparseLayout) -> Fall
 fn from_ours(data: &[f32], ours: [usize; 5], layout: SparseLayout) -> Tensor {
     let [out, z, y, x, cin] = ours;
     let taps = z * y * x;
-    let at = |o: usize, tap: usize, i: usize| data[(o * taps + tap) * cin + i];
-    let mut turned = vec![];
-    for tap in 0..taps {
-        match layout {
-            SparseLayout::OutTapsIn => {}
-            SparseLayout::TapsInOut => {
-                (0..cin).for_each(|i| turned.extend((0..out).map(|o| at(o, tap, i))));
-            }
-            SparseLayout::TapsOutIn => {
-                (0..out).for_each(|o| turned.extend((0..cin).map(|i| at(o, tap, i))));
-            }
-        }
+    let place = |n: usize| match layout {
+        SparseLayout::OutTapsIn => n,
+        SparseLayout::TapsInOut => n % out * taps * cin + n / out,
+        SparseLayout::TapsOutIn => (n / cin % out * taps + n / cin / out) * cin + n % cin,
+    };
+    Tensor {
+        shape: layout.shape(ours).to_vec(),
+        data: (0..data.len()).map(|n| data[place(n)]).collect(),
     }
-    if turned.is_empty() {
-        turned = data.to_vec();
-    }
-    let shape = layout.shape(ours).to_vec();
-    let data = turned;
-    Tensor { shape, data }
 }
 
 /// A safetensors file without our manifest.

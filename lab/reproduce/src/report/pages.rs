@@ -14,11 +14,8 @@ const LINE_PX: usize = 14;
 const SIDE_M: f32 = 48.0;
 const PX_PER_M: f32 = 9.0;
 
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Panel {
-    pub(crate) title: String,
-    pub(crate) boxes: Vec<SensorDetection>,
-}
+/// A title, and what was found.
+pub(crate) type Panel = (String, Vec<SensorDetection>);
 
 /// A scan, its labels, and what was found.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,11 +34,6 @@ pub(crate) struct DrawnScene {
 type Cell = (String, Canvas);
 
 impl DrawnScene {
-    /// The labels.
-    fn labelled(&self, text: &str) -> Cell {
-        self.cell(text, &self.truth, &[])
-    }
-
     /// What was found over the labels of unknown objects, which are thin.
     fn found(&self, text: &str, boxes: &[SensorDetection]) -> Cell {
         let mut labels = self.truth.clone();
@@ -101,8 +93,8 @@ fn page(rows: &[Vec<Cell>]) -> Canvas {
 pub(crate) fn figure6(scenes: &[DrawnScene]) -> Canvas {
     let row = |scene: &DrawnScene| {
         let panels = scene.panels.iter();
-        let panels = panels.map(|panel| scene.found(&panel.title, &panel.boxes));
-        let labels = scene.labelled(&format!("{}\nLabels", scene.caption));
+        let panels = panels.map(|(title, boxes)| scene.found(title, boxes));
+        let labels = scene.cell(&format!("{}\nLabels", scene.caption), &scene.truth, &[]);
         [labels].into_iter().chain(panels).collect()
     };
     page(&scenes.iter().map(row).collect::<Vec<_>>())
@@ -119,16 +111,9 @@ mod tests {
             points: vec![Point::default()],
             truth: vec![SensorDetection {
                 class: "golf_cart".into(),
-                kind: ObjectKind::Unknown,
-                score: 1.0,
-                probability: None,
-                track: None,
-                box_in_sensor: Box3::new([12.0, 0.0, -1.0, 2.4, 1.3, 1.9, 0.3]),
+                ..SensorDetection::unknown(1.0, Box3::new([12.0, 0.0, -1.0, 2.4, 1.3, 1.9, 0.3]))
             }],
-            panels: vec![Panel {
-                title: "MLUC".into(),
-                boxes: Vec::new(),
-            }],
+            panels: vec![("MLUC".into(), Vec::new())],
             target_m: [12.0, 0.0],
         }
     }

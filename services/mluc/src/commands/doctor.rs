@@ -49,8 +49,10 @@ pub fn doctor(args: &DoctorArgs, open: Option<Open>) -> anyhow::Result<ExitCode>
     };
     let about_memory = check_shared_memory(loaded.as_ref().ok());
     let about_cpu = check_processor(loaded.as_ref().ok());
+    let version = env!("CARGO_PKG_VERSION");
+    let version = format!("mluc {version}, wire version {WIRE_VERSION}");
     let mut findings = vec![
-        version(),
+        (Fine, version),
         about_model,
         about_memory,
         check_cores(),
@@ -84,12 +86,6 @@ pub fn doctor(args: &DoctorArgs, open: Option<Open>) -> anyhow::Result<ExitCode>
     }
     let has_failed = findings.iter().any(|(verdict, _)| *verdict == Failure);
     Ok(ExitCode::from(if has_failed { EXIT_FAILURE } else { 0 }))
-}
-
-fn version() -> Finding {
-    let version = env!("CARGO_PKG_VERSION");
-    let text = format!("mluc {version}, wire version {WIRE_VERSION}");
-    (Fine, text)
 }
 
 fn describe_model(model: &Model) -> Finding {

@@ -375,7 +375,7 @@ impl Supervisor {
                 header: &header,
                 objects,
                 classes: &self.classes,
-                status: self.status.current(),
+                status: &self.status.current,
                 points: scan.map_or(&[][..], Message::elements),
             };
             if !sink.take(left)? {

@@ -57,7 +57,7 @@ pub(super) struct StatusWriter {
     better_since_ns: Option<u64>,
     published: Status,
     /// As of the last tick.
-    current: Status,
+    pub(super) current: Status,
 }
 
 impl StatusWriter {
@@ -85,11 +85,6 @@ impl StatusWriter {
             published: Status::default(),
             current: Status::default(),
         })
-    }
-
-    /// As of the last tick.
-    pub(super) fn current(&self) -> &Status {
-        &self.current
     }
 
     /// A new run forgets what the last one saw.

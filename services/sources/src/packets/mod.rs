@@ -188,7 +188,7 @@ impl<'a> Detector<'a> {
         let clock = match &family {
             Family::Velodyne(_) => Clock::HourOfSensor,
             Family::Hesai(_) => Clock::Utc,
-            Family::Ouster(metadata) => metadata.clock(),
+            Family::Ouster(metadata) => metadata.clock,
         };
         Ok(Some(Decoder {
             family,

@@ -32,7 +32,7 @@ static PROFILES: LazyLock<Vec<Profile>> = LazyLock::new(|| {
 #[derive(Clone, Debug)]
 pub struct Metadata {
     pub(super) product: String,
-    clock: Clock,
+    pub(super) clock: Clock,
     profile: &'static Profile,
     /// Columns of a frame.
     pub columns: usize,
@@ -176,10 +176,6 @@ impl Metadata {
             sensor_from_lidar,
             last_frame: None,
         })
-    }
-
-    pub(super) fn clock(&self) -> Clock {
-        self.clock
     }
 
     pub(super) fn describe(&self) -> String {

@@ -10,7 +10,7 @@ use rustix::process::Signal;
 
 use super::Session;
 use super::player::{Frame, Player, TOO_MANY_OBJECTS};
-use crate::suite::{Case, Outcome, Suite, case, fill, wrong_instance};
+use crate::suite::{Case, Outcome, Suite, fill, wrong_instance};
 
 const FRAMES: usize = 5;
 /// Sent while the program is held.
@@ -25,17 +25,17 @@ const SILENCE: Duration = Duration::from_millis(2500);
 const KILLS: usize = 5;
 
 pub(super) const CASES: &[Case<Session>] = &[
-    case("start", start),
-    case("frames", frames),
-    case("overload", overload),
-    case("hostile_headers", hostile_headers),
-    case("hostile_values", hostile_values),
-    case("silence", silence),
-    case("new_run", new_run),
-    case("new_pipeline", new_pipeline),
-    case("places", places),
-    case("wrong_version", |s| wrong_instance(&s.tested.options)),
-    case("stop", |s| s.tested.terminate()),
+    ("start", start),
+    ("frames", frames),
+    ("overload", overload),
+    ("hostile_headers", hostile_headers),
+    ("hostile_values", hostile_values),
+    ("silence", silence),
+    ("new_run", new_run),
+    ("new_pipeline", new_pipeline),
+    ("places", places),
+    ("wrong_version", |s| wrong_instance(&s.tested.options)),
+    ("stop", |s| s.tested.terminate()),
 ];
 
 fn start(session: &mut Session) -> Outcome {

@@ -25,7 +25,7 @@ pub(crate) struct Session {
 
 impl Suite for Session {
     const CASES: &'static [Case<Session>] = cases::CASES;
-    const ASKS: &'static str = cases::ASKS;
+    const ASKS: &'static str = include_str!("cases/asks.txt");
 
     fn new(options: Options) -> anyhow::Result<Session> {
         let tested = Tested::new(options)?;

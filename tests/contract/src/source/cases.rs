@@ -8,7 +8,7 @@ use mluc_runtime::monotonic_ns;
 
 use super::Session;
 use crate::program::Program;
-use crate::suite::{Case, Outcome, case, wrong_instance};
+use crate::suite::{Case, Outcome, wrong_instance};
 
 /// Scans that a case takes.
 const SCANS: u64 = 5;
@@ -20,15 +20,15 @@ const GAP_MAX: Duration = Duration::from_secs(1);
 const END_MAX: Duration = Duration::from_secs(60);
 
 pub(super) const CASES: &[Case<Session>] = &[
-    case("start", start),
-    case("scans", scans),
-    case("heartbeats", heartbeats),
-    case("second", second),
-    case("new_run", new_run),
-    case("restart", restart),
-    case("wrong_version", |s| wrong_instance(&s.tested.options)),
-    case("stop", stop),
-    case("end", end),
+    ("start", start),
+    ("scans", scans),
+    ("heartbeats", heartbeats),
+    ("second", second),
+    ("new_run", new_run),
+    ("restart", restart),
+    ("wrong_version", |s| wrong_instance(&s.tested.options)),
+    ("stop", stop),
+    ("end", end),
 ];
 
 fn start(session: &mut Session) -> Outcome {

@@ -1,6 +1,6 @@
 //! The outcome as JSON and as a table.
 
-use mluc_evaluate::pipeline::{Choice, ModelGate, ModelJudgement, ScoreChoice, ScoreSeparation};
+use mluc_evaluate::pipeline::{Choice, ModelGate, ModelJudgement, ScoreChoice};
 use mluc_evaluate::{Breakdown, ClassReport, SweepPoint, render};
 use mluc_model::Model;
 use serde_json::{Value, json};
@@ -32,7 +32,7 @@ impl Outcome {
             "steps": model.provenance.steps,
             "data": self.data,
             "frames": self.frames,
-            "boxes_per_frame": self.boxes_per_frame(),
+            "boxes_per_frame": judgement.boxes as f64 / self.frames.max(1) as f64,
             "threshold": judgement.threshold,
             "closed": judgement.closed.to_json(),
             "gated": judgement.gated.to_json(),
@@ -59,10 +59,6 @@ impl Outcome {
         object
     }
 
-    fn boxes_per_frame(&self) -> f64 {
-        self.judgement.boxes as f64 / self.frames.max(1) as f64
-    }
-
     pub(super) fn to_table(&self) -> String {
         let ModelJudgement { closed, gated, .. } = &self.judgement;
         let mut values = self.to_json();
@@ -75,7 +71,9 @@ impl Outcome {
         values["classes"] = classes.map(class).collect();
         let breakdowns = self.judgement.breakdowns.iter();
         values["breakdowns"] = breakdowns.map(Breakdown::to_table).collect();
-        values["separation"] = separation(&self.judgement.separation).into();
+        // How well each score of a box tells unknown from known, and from background.
+        let scores = json!({"scores": values["separation"]});
+        values["separation"] = render(include_str!("separation.txt"), scores).into();
         let choice = self.choice.as_ref();
         values["choice"] = json!(choice.map(|choice| (choice.threshold, &choice.reason)));
         let profiles = self.profiles.iter();
@@ -87,11 +85,6 @@ impl Outcome {
         }
         render(include_str!("report.txt"), values)
     }
-}
-
-/// How well each score of a box tells unknown from known, and from background.
-fn separation(scores: &[ScoreSeparation]) -> String {
-    render(include_str!("separation.txt"), json!({"scores": scores}))
 }
 
 fn figures(class: &ClassReport) -> [f64; 4] {

@@ -53,7 +53,10 @@ impl Sender<'_> {
     ) -> anyhow::Result<Sender<'a>> {
         let output = shell.output::<Point>(&Topic::POINTS, POINTS_MAX)?;
         let objects = shell.input::<Object>(&Topic::OBJECTS)?;
-        let downstream = DownstreamStages::new(shell.health_watch()?);
+        let downstream = DownstreamStages {
+            watch: shell.health_watch()?,
+            silent_since_ns: None,
+        };
         let make =
             move |model: &Model| Ok(Guard::new(Expected::new(&model.manifest, sensor.clone())));
         let guards = Models::new(shell, model, make(model)?, make);
@@ -322,13 +325,6 @@ pub(crate) struct DownstreamStages {
 }
 
 impl DownstreamStages {
-    pub(crate) fn new(watch: HealthWatch) -> DownstreamStages {
-        DownstreamStages {
-            watch,
-            silent_since_ns: None,
-        }
-    }
-
     /// Those that are not ready. A refiner that tells no health (somebody else's program) counts as ready when it has opened `objects` and kept silent.
     pub(crate) fn missing(&mut self, objects: &Input<Object>) -> Vec<&'static str> {
         let is_silent = self.watch.of(Stage::Refiner).is_none() && objects.producers() > 0;

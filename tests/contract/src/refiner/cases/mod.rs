@@ -6,28 +6,26 @@ mod life;
 mod runs;
 
 use crate::refiner::session::Session;
-pub(crate) use crate::suite::{Case, Outcome, case};
-
-pub(crate) const ASKS: &str = include_str!("asks.txt");
+pub(crate) use crate::suite::{Case, Outcome};
 
 /// In the order they run.
 pub(crate) const CASES: &[Case<Session>] = &[
-    case("start", life::start),
-    case("scene", frames::scene),
-    case("empty", frames::empty),
-    case("candidates_512", frames::candidates),
-    case("points_262144", frames::points),
-    case("points_gone", frames::points_gone),
-    case("sent_again", frames::sent_again),
-    case("sequences", runs::sequences),
-    case("other_run", runs::other_run),
-    case("new_run", runs::new_run),
-    case("overload", life::overload),
-    case("garbage_lengths", garbage::lengths),
-    case("garbage_numbers", garbage::numbers),
-    case("garbage_noise", garbage::noise),
-    case("wrong_version", runs::wrong_version),
-    case("silence", life::silence),
-    case("restart", life::restart),
-    case("stop", |s| s.tested.terminate()),
+    ("start", life::start),
+    ("scene", frames::scene),
+    ("empty", frames::empty),
+    ("candidates_512", frames::candidates),
+    ("points_262144", frames::points),
+    ("points_gone", frames::points_gone),
+    ("sent_again", frames::sent_again),
+    ("sequences", runs::sequences),
+    ("other_run", runs::other_run),
+    ("new_run", runs::new_run),
+    ("overload", life::overload),
+    ("garbage_lengths", garbage::lengths),
+    ("garbage_numbers", garbage::numbers),
+    ("garbage_noise", garbage::noise),
+    ("wrong_version", runs::wrong_version),
+    ("silence", life::silence),
+    ("restart", life::restart),
+    ("stop", |s| s.tested.terminate()),
 ];
