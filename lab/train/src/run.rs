@@ -27,6 +27,7 @@ pub struct Run {
     manifest: Manifest,
     trainer: Trainer,
     source: ScanSource,
+    pair: Option<ScanSource>,
     database: Database,
     cluster_scorer: Option<ClusterScorer>,
     /// Settings and data, which a checkpoint must share.
@@ -53,6 +54,7 @@ impl Run {
         };
         measure_anchors(&mut manifest, settings, &source, notify)?;
         check::points(&source, settings)?;
+        let pair = check::pair(settings, &source)?;
         let frames = settings.database_frames();
         let database = database::build(&source, settings.classes(), frames)?;
         let sizes: Vec<_> = database.iter().map(|s| s.len().to_string()).collect();
@@ -64,11 +66,15 @@ impl Run {
         if settings.bf16 {
             trainer.chain.use_bf16();
         }
+        if let Some(teacher) = &settings.teacher {
+            import::teach(teacher, &mut trainer)?;
+        }
         let mut run = Run {
             settings: settings.clone(),
             manifest,
             trainer,
             source,
+            pair,
             database,
             cluster_scorer: None,
             origin,
@@ -158,7 +164,8 @@ impl Run {
             self.cluster_scorer = Some(scorer);
         }
         let database = std::mem::take(&mut self.database);
-        let loader = DataLoader::new(settings, &self.manifest, source, database);
+        let pair = self.pair.take();
+        let loader = DataLoader::new(settings, &self.manifest, source, pair, database);
         Ok(loader.spawn(self.trainer.state.step..settings.steps, prepare))
     }
 

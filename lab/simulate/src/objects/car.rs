@@ -48,8 +48,10 @@ const SUV: Style = ([0.23, 0.10, -0.40, -0.475], [0.5, 0.6, 0.61, 0.58], 0.85);
 const MINI: Style = ([0.30, 0.13, -0.38, -0.47], [0.44, 0.58, 0.58, 0.55], 0.80);
 const COUPE: Style = ([0.17, 0.0, -0.18, -0.40], [0.46, 0.62, 0.65, 0.68], 0.80);
 const PICKUP: Style = ([0.22, 0.10, -0.06, -0.10], [0.52, 0.6, 0.6, 0.6], 0.80);
-/// Where rear window and tail of a car are whose tail stands upright, fractions of the length.
+/// Where rear window and tail of a car would be if its tail stood upright, fractions of the length,
 const UPRIGHT: [f32; 2] = [-0.475, -0.488];
+/// and how much of the way there it is at most.
+const TAIL_SHARE: f32 = 0.7;
 const MINIBUS: Style = ([0.38, 0.26, -0.47, -0.495], [0.36, 0.5, 0.52, 0.5], 0.88);
 
 /// A passenger car with KITTI's or UDI's sizes.
@@ -68,8 +70,8 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
     let bed = style == PICKUP;
     let upright = family == Family::SimAny && [HATCH, ESTATE, SUV, MINI].contains(&style);
     if upright {
-        // Seen from behind, many a car is one upright face.
-        let share = dice.unit();
+        // Rear windows lean by 15 to 35 degrees: seen from behind, many a car is one face.
+        let share = dice.range(0.0, TAIL_SHARE);
         for (along, upright) in style.0[2..].iter_mut().zip(UPRIGHT) {
             *along += share * (upright - *along);
         }
