@@ -60,8 +60,8 @@ impl Chain {
             let to = &mut pool.gradients[half];
             linear_backward(y, shape, plain, d, to, &mut back[number]);
         }
-        let features = &pass.outputs.features;
-        let mut d = outputs.features.clone();
+        let features = &pass.labelled_features;
+        let mut d = vec![0.0; features.len()];
         for (head, output) in self.heads.of_labelled().zip(outputs.of_labelled()) {
             let gradients = &mut pool.gradients;
             head.backward(parameters, gradients, features, output, &mut d);

@@ -3,9 +3,7 @@
 use mluc_dataset::{Dataset, calibration_hash, check_classes, check_files, data_hash};
 use rayon::prelude::*;
 
-use crate::{
-    error::TrainError, kind::Setting, log::TrainEvent, settings::TrainSettings, source::ScanSource,
-};
+use crate::{error::TrainError, log::TrainEvent, settings::TrainSettings, source::ScanSource};
 
 /// Scans whose labelled boxes are looked into: scans of other frames, or empty ones, show in the first few.
 const POINT_FRAMES: usize = 20;
@@ -33,30 +31,6 @@ pub(crate) fn validation_split(
     let text = format!("{folder}: no such folder, so the model is not judged while it trains");
     notify(TrainEvent::Note(text));
     Ok(())
-}
-
-/// What a teacher sees: the same frames by another sensor.
-pub(crate) fn pair(
-    settings: &TrainSettings,
-    source: &ScanSource,
-) -> Result<Option<ScanSource>, TrainError> {
-    if settings.teacher.is_none() {
-        return Ok(None);
-    }
-    if settings.setting != Setting::Any {
-        let found = settings.setting.name();
-        return Err(TrainError::setting("--teacher", "--setting any", found));
-    }
-    let folder = settings.data.join("train-pair");
-    let dataset = Dataset::open(&folder)?;
-    let counts = [source.count(), dataset.names().len()];
-    if source.dataset.names() != dataset.names() {
-        let expected = format!("the {} frames of train/", counts[0]);
-        let found = format!("{} frames, or others", counts[1]);
-        return Err(TrainError::refused(&folder, expected, found));
-    }
-    let source = source.clone();
-    Ok(Some(ScanSource { dataset, ..source }))
 }
 
 fn check(dataset: &Dataset, settings: &TrainSettings) -> Result<(), TrainError> {

@@ -58,23 +58,6 @@ pub(crate) fn start_from(
     ))
 }
 
-/// Lets the trunk of a model file teach. `path`: as at [`model_path`].
-pub(crate) fn teach(path: &Path, trainer: &mut Trainer) -> Result<(), TrainError> {
-    let path = model_path(path);
-    let own = trainer.state.clone();
-    let other = take_trunk(&Model::read(&path)?.weights, trainer);
-    trainer.teacher = Some(std::mem::replace(&mut trainer.state, own));
-    if other.is_empty() {
-        return Ok(());
-    }
-    let expected = "a teacher whose layers are those of the network to be trained";
-    Err(TrainError::refused(
-        &path,
-        expected,
-        format!("other {}", other.join(", ")),
-    ))
-}
-
 /// Copies the layers of the same name and shape; returns the names of the others.
 fn take_trunk(weights: &WeightSet, trainer: &mut Trainer) -> Vec<String> {
     let (chain, state) = (&trainer.chain, &mut trainer.state);

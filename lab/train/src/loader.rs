@@ -36,8 +36,6 @@ pub struct Batch {
     pub step: u64,
     /// Gathers.
     pub plan: Plan,
-    /// Those of the same scenes as the teacher's sensor sees them.
-    pub pair: Option<Plan>,
     /// Labels.
     pub targets: BatchTargets,
 }
@@ -46,7 +44,6 @@ pub struct Batch {
 #[derive(Clone)]
 pub struct DataLoader {
     source: ScanSource,
-    pair: Option<ScanSource>,
     augmentation: Option<Augmentation>,
     manifest: Manifest,
     /// Mean l, w, h of the known classes.
@@ -67,7 +64,6 @@ impl DataLoader {
         settings: &TrainSettings,
         manifest: &Manifest,
         source: ScanSource,
-        pair: Option<ScanSource>,
         database: Database,
     ) -> DataLoader {
         let sizes_m = manifest.classes.iter().map(|c| c.size_m.map(f64::from));
@@ -81,7 +77,6 @@ impl DataLoader {
         });
         DataLoader {
             source,
-            pair,
             augmentation,
             manifest: manifest.clone(),
             classes_m,
@@ -105,41 +100,12 @@ impl DataLoader {
         self.order.1[(place % count) as usize] as usize
     }
 
-    /// Which places in the order of all frames a step sees, and the frames there.
-    fn places(&mut self, step: u64) -> Vec<(u64, usize)> {
-        let batch = self.batch as u64;
-        let places = step * batch..(step + 1) * batch;
-        places
-            .map(|place| (place, self.frame_number(place)))
-            .collect()
-    }
-
-    fn vary(&self, scan: &mut LabelledScan, place: u64) {
-        if let Some(augmentation) = &self.augmentation {
-            augmentation.apply(scan, &mut Random::new(self.seed, &[2, place]));
-        }
-        crop(scan, &self.manifest.network.grid);
-    }
-
-    /// A step's scenes as the teacher's sensor sees them, varied alike.
-    fn pair(&mut self, step: u64) -> Result<Option<Plan>, TrainError> {
-        let places = self.places(step);
-        let Some(pair) = &self.pair else {
-            return Ok(None);
-        };
-        let mut scans = vec![];
-        for (place, frame) in places {
-            let mut scan = pair.scan(frame)?;
-            self.vary(&mut scan, place);
-            scans.push(scan.points);
-        }
-        Ok(Some(self.planner.plan(&scans)))
-    }
-
     /// A step's frames, and their labels but those of the background.
     fn frames(&mut self, step: u64) -> Result<Vec<(LabelledScan, Targets)>, TrainError> {
         let mut frames = vec![];
-        for (place, frame) in self.places(step) {
+        for number in 0..self.batch as u64 {
+            let place = step * self.batch as u64 + number;
+            let frame = self.frame_number(place);
             let any_sensor = self.source.input == VoxelInput::Local;
             let (mut scan, _) = self.source.changed(frame, |points| {
                 if any_sensor && self.augmentation.is_some() {
@@ -149,7 +115,10 @@ impl DataLoader {
             if any_sensor {
                 scan.ignore_alike(&self.classes_m);
             }
-            self.vary(&mut scan, place);
+            if let Some(augmentation) = &self.augmentation {
+                augmentation.apply(&mut scan, &mut Random::new(self.seed, &[2, place]));
+            }
+            crop(&mut scan, &self.manifest.network.grid);
             let targets = self.anchors.assign(&scan.objects);
             frames.push((scan, targets));
         }
@@ -178,7 +147,6 @@ impl DataLoader {
         Ok(Batch {
             step,
             plan,
-            pair: self.pair(step)?,
             targets,
         })
     }

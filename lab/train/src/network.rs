@@ -132,8 +132,6 @@ pub struct Outputs {
     pub direction: Vec<f32>,
     /// Logit of the unknown of each labelled cell.
     pub unknown: Vec<f32>,
-    /// What the heads see of each labelled cell: up 1's channels, then up 2's.
-    pub features: Vec<f32>,
 }
 
 impl Outputs {
@@ -168,6 +166,7 @@ pub struct Pass {
     pub(crate) block2: Vec<Activation>,
     pub(crate) up1: Activation,
     pub(crate) up2: Activation,
+    pub(crate) labelled_features: Vec<f32>,
 }
 
 impl<'a> StepInput<'a> {
@@ -341,8 +340,8 @@ impl Chain {
             boxes: run(&self.heads.boxes),
             direction: run(&self.heads.direction),
             unknown: run_if_any(&self.heads.unknown),
-            features,
         };
+        pass.labelled_features = features;
     }
 
     /// Rows of `cells`: up 1's channels, then up 2's.

@@ -27,7 +27,6 @@ pub struct Run {
     manifest: Manifest,
     trainer: Trainer,
     source: ScanSource,
-    pair: Option<ScanSource>,
     database: Database,
     cluster_scorer: Option<ClusterScorer>,
     /// Settings and data, which a checkpoint must share.
@@ -54,7 +53,6 @@ impl Run {
         };
         measure_anchors(&mut manifest, settings, &source, notify)?;
         check::points(&source, settings)?;
-        let pair = check::pair(settings, &source)?;
         let frames = settings.database_frames();
         let database = database::build(&source, settings.classes(), frames)?;
         let sizes: Vec<_> = database.iter().map(|s| s.len().to_string()).collect();
@@ -66,15 +64,11 @@ impl Run {
         if settings.bf16 {
             trainer.chain.use_bf16();
         }
-        if let Some(teacher) = &settings.teacher {
-            import::teach(teacher, &mut trainer)?;
-        }
         let mut run = Run {
             settings: settings.clone(),
             manifest,
             trainer,
             source,
-            pair,
             database,
             cluster_scorer: None,
             origin,
@@ -164,8 +158,7 @@ impl Run {
             self.cluster_scorer = Some(scorer);
         }
         let database = std::mem::take(&mut self.database);
-        let pair = self.pair.take();
-        let loader = DataLoader::new(settings, &self.manifest, source, pair, database);
+        let loader = DataLoader::new(settings, &self.manifest, source, database);
         Ok(loader.spawn(self.trainer.state.step..settings.steps, prepare))
     }
 

@@ -35,10 +35,6 @@ pub struct TrainSettings {
     /// Start from the weights of this model file (or run's folder) where they fit.
     #[arg(long)]
     pub init: Option<PathBuf>,
-    /// A trained network of the same trunk. Frozen, it sees DATA/train-pair (`simulate --pair` with a dense sensor makes it), and the features that it
-    /// has of each labelled place are imitated (--setting any alone).
-    #[arg(long, value_name = "MODEL")]
-    pub teacher: Option<PathBuf>,
     /// Optimiser steps.
     #[arg(long, default_value_t = 20_000)]
     pub steps: u64,
@@ -265,11 +261,6 @@ impl TrainSettings {
         }
         if self.setting == Setting::Any {
             text += " floored, ahead";
-            text += if self.teacher.is_some() {
-                " taught"
-            } else {
-                ""
-            };
         }
         if let Some(init) = &self.init {
             text += &format!(" init {}", init.display());

@@ -32,8 +32,6 @@ pub struct Trainer {
     pub chain: Chain,
     /// What training has reached.
     pub state: TrainState,
-    /// Frozen weights, whose features of a batch's pair are imitated.
-    pub(crate) teacher: Option<TrainState>,
     schedule: Schedule,
     losses: LossSettings,
     pool: Pool,
@@ -53,7 +51,6 @@ impl Trainer {
             pool: Pool::new(chain.parameters),
             chain,
             state,
-            teacher: None,
             schedule,
             losses,
         }
@@ -64,20 +61,9 @@ impl Trainer {
         let (plan, targets, pool) = (&batch.plan, &batch.targets, &mut self.pool);
         let chain = &self.chain;
         let input = StepInput::new(&self.state.parameters, plan, &targets.labelled);
-        let taught = self.teacher.as_ref().zip(batch.pair.as_ref());
-        let taught = taught.map(|(teacher, pair)| {
-            let running = Some(&teacher.running);
-            let input = StepInput::new(&teacher.parameters, pair, &targets.labelled);
-            let mut pass = chain.forward(&StepInput { running, ..input }, pool);
-            let features = std::mem::take(&mut pass.outputs.features);
-            pass.recycle(pool);
-            features
-        });
         let pass = chain.forward(&input, pool);
         let (map, classes) = (&plan.map, chain.network.classes);
-        let taught = taught.as_deref();
-        let (losses, outputs) =
-            losses::evaluate(&pass.outputs, map, targets, self.losses, classes, taught);
+        let (losses, outputs) = losses::evaluate(&pass.outputs, map, targets, self.losses, classes);
         let loss = losses.total();
         if !loss.is_finite() {
             return Err(TrainError::diverged(self.state.step, loss));

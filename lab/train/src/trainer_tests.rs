@@ -23,7 +23,6 @@ fn batch(step: u64) -> Batch {
     Batch {
         step,
         plan: Planner::new(&network).plan(&scans),
-        pair: None,
         targets: targets(&network),
     }
 }
@@ -56,24 +55,6 @@ fn the_loss_falls() {
     let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
     let (first, last) = (mean(&losses[..10]), mean(&losses[290..]));
     assert!(last < 0.2 * first, "{first} to {last}");
-}
-
-#[test]
-fn a_teacher_is_imitated() {
-    let mut t = trainer(200);
-    t.teacher = Some(trainer_of(&small(), 1, 2.0, 6).state);
-    let teacher = |step: u64, t: &mut Trainer| {
-        let pair = Some(batch(step + 1).plan);
-        let taught = t.step(&Batch {
-            pair,
-            ..batch(step)
-        });
-        taught.expect("a number").losses.teacher
-    };
-    let losses: Vec<f64> = (0..200).map(|step| teacher(step, &mut t)).collect();
-    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
-    let (first, last) = (mean(&losses[..10]), mean(&losses[190..]));
-    assert!(first > 0.0 && last < 0.7 * first, "{first} to {last}");
 }
 
 #[test]

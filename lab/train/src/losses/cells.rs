@@ -3,9 +3,6 @@
 use super::{Evaluation, LossSettings, softplus};
 use crate::targets::CellClass;
 
-/// A guess: at first as much as the boxes' loss.
-const TEACHER_WEIGHT: f32 = 4.0;
-
 impl Evaluation<'_> {
     /// Cross entropy of softmax(-|f - m_t|^2) (paper section 3.2, eq. 2), which for one-hot prototypes equals that of softmax(2 T f); the variance loss |f -
     /// m_Y|^2; and two of ours: |f - c|^2 of synthetic unknown objects, with the prototypes' centre c, where EDS is least (center), and |f + c|^2 of background
@@ -50,17 +47,6 @@ impl Evaluation<'_> {
                 losses.variance += f64::from(pull * off * off);
                 *d += label.weight * 2.0 * t * (p - is_own) + 2.0 * pull * off;
             }
-        }
-    }
-
-    /// Mean squared distance of the features to those that a teacher has of the same cells, after Wei et al. (LiDAR Distillation, ECCV 2022).
-    pub(super) fn teacher(&mut self, taught: &[f32]) {
-        let scale = TEACHER_WEIGHT / taught.len().max(1) as f32;
-        let features = self.outputs.features.iter().zip(taught);
-        for ((own, taught), d) in features.zip(&mut self.gradients.features) {
-            let off = own - taught;
-            self.losses.teacher += f64::from(scale * off * off);
-            *d += 2.0 * scale * off;
         }
     }
 

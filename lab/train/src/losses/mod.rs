@@ -1,7 +1,7 @@
 //! The losses: each returns its value and its gradient with respect to the logits.
 //!
 //! L = objectness + metric + variance_weight * variance + center_loss_weight * center + push_weight * push + unknown_weight * unknown +
-//! 2 * box + 0.2 * direction + teacher; the mean over frames. Objectness, box and direction are sums over a frame's anchors divided by its
+//! 2 * box + 0.2 * direction; the mean over frames. Objectness, box and direction are sums over a frame's anchors divided by its
 //! positives (at least 1), as in the public SECOND. Center, push (logged together as center) and unknown are ours.
 
 mod boxes;
@@ -42,13 +42,11 @@ pub struct Losses {
     pub center: f64,
     /// Cross entropy of the logit of the unknown.
     pub unknown: f64,
-    /// Distance of the labelled cells' features to a teacher's.
-    pub teacher: f64,
 }
 
 impl Losses {
     /// Each, by name.
-    pub fn named_mut(&mut self) -> [(&'static str, &mut f64); 8] {
+    pub fn named_mut(&mut self) -> [(&'static str, &mut f64); 7] {
         [
             ("objectness", &mut self.objectness),
             ("metric", &mut self.metric),
@@ -57,14 +55,13 @@ impl Losses {
             ("direction", &mut self.direction),
             ("center", &mut self.center),
             ("unknown", &mut self.unknown),
-            ("teacher", &mut self.teacher),
         ]
     }
 
     /// What is minimised.
     pub fn total(&self) -> f64 {
         let cells = self.metric + self.variance + self.center + self.unknown;
-        self.objectness + cells + self.boxes + self.direction + self.teacher
+        self.objectness + cells + self.boxes + self.direction
     }
 }
 
@@ -76,14 +73,13 @@ struct Evaluation<'a> {
     gradients: Outputs,
 }
 
-/// Every loss and the gradients of the network's outputs. `taught`: a teacher's features of the same cells.
+/// Every loss and the gradients of the network's outputs.
 pub fn evaluate(
     outputs: &Outputs,
     plan: &MapPlan,
     targets: &BatchTargets,
     settings: LossSettings,
     classes: usize,
-    taught: Option<&[f32]>,
 ) -> (Losses, Outputs) {
     let zeros = |values: &Vec<f32>| vec![0.0; values.len()];
     let mut all = Evaluation {
@@ -96,14 +92,12 @@ pub fn evaluate(
             boxes: zeros(&outputs.boxes),
             direction: zeros(&outputs.direction),
             unknown: zeros(&outputs.unknown),
-            features: zeros(&outputs.features),
         },
     };
     all.objectness(plan);
     all.metric(settings, classes);
     all.unknown(settings.unknown_weight);
     all.positives();
-    all.teacher(taught.unwrap_or_default());
     (all.losses, all.gradients)
 }
 

@@ -64,26 +64,24 @@ fn outputs() -> Outputs {
         boxes: draw(28, 1.0),
         direction: draw(8, 2.0),
         unknown: draw(2, 1.0),
-        features: draw(6, 1.0),
     }
 }
 
 fn run(outputs: &Outputs, first: CellClass) -> (Losses, Outputs) {
     let (plan, targets) = batch(first);
-    evaluate(outputs, &plan, &targets, SETTINGS, 2, Some(&[0.3; 6]))
+    evaluate(outputs, &plan, &targets, SETTINGS, 2)
 }
 
 #[test]
 fn gradients_are_those_of_the_values() {
     type Part = fn(&mut Outputs) -> &mut Vec<f32>;
-    let parts: [(&str, Part); 7] = [
+    let parts: [(&str, Part); 6] = [
         ("up 1", |o| &mut o.presence[0]),
         ("up 2", |o| &mut o.presence[1]),
         ("embedding", |o| &mut o.embedding),
         ("boxes", |o| &mut o.boxes),
         ("direction", |o| &mut o.direction),
         ("unknown", |o| &mut o.unknown),
-        ("features", |o| &mut o.features),
     ];
     use CellClass::{Background, Known, Unknown};
     for first in [Known(0), Unknown, Background] {
