@@ -70,7 +70,7 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
     let bed = style == PICKUP;
     let upright = family == Family::SimAny && [HATCH, ESTATE, SUV, MINI].contains(&style);
     if upright {
-        // Rear windows lean by 15 to 35 degrees: seen from behind, many a car is one face.
+        // Rear windows lean by 10 to 35 degrees: seen from behind, many a car is one face.
         let share = dice.range(0.0, TAIL_SHARE);
         for (along, upright) in style.0[2..].iter_mut().zip(UPRIGHT) {
             *along += share * (upright - *along);
