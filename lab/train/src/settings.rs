@@ -309,4 +309,15 @@ mod tests {
             assert_eq!(fault.to_string(), expected);
         }
     }
+
+    #[test]
+    fn a_new_model_for_any_sensor_keeps_as_much_overlap_as_the_shipped_one() {
+        let options = ["--setting", "any", "--network", "mluc-full"];
+        let new = TrainSettings::of(&options, Path::new("data"), Path::new("out")).manifest();
+        let weights = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights");
+        let shipped = Path::new(weights).join("any-open.safetensors");
+        let shipped = mluc_model::Model::read(&shipped).expect("a model").manifest;
+        assert_eq!(new.thresholds.nms_iou, shipped.thresholds.nms_iou);
+        assert_eq!(new.network.grid, shipped.network.grid);
+    }
 }
