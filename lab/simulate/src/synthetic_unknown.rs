@@ -24,9 +24,9 @@ pub(crate) const ANYWHERE: Scaling = Scaling {
 /// Chance there that the three factors are alike, as of a bus; that the object lies.
 pub(crate) const ALIKE_CHANCE: f32 = 0.35;
 pub(crate) const LIES_CHANCE: f32 = 0.15;
-/// Chance there that a car is stretched to this size, l, w, h, m, as vans, trucks and buses have,
+/// Chance, where trucks are unknown, that a car is stretched to this size, l, w, h, m, log-uniform, from a small van's to a bus's,
 pub(crate) const LARGE_CHANCE: f32 = 0.15;
-pub(crate) const LARGE_M: [[f32; 2]; 3] = [[4.8, 13.5], [1.9, 2.8], [1.9, 3.9]];
+pub(crate) const LARGE_M: [[f32; 2]; 3] = [[4.2, 13.5], [1.75, 2.8], [1.85, 3.9]];
 /// and the space above its heights (a share of the whole) is taken to this power: from a car's shape to a box.
 pub(crate) const LARGE_BEND: [f32; 2] = [1.0, 3.0];
 /// Chance of a join, of a scaled object otherwise.

@@ -201,13 +201,14 @@ impl TrainSettings {
             let named = self.known.iter().map(|name| AnchorClass::named(name));
             manifest.classes = named.collect();
         }
-        if self.setting == Setting::Any {
+        if self.kind == NetworkKind::MlucFull {
             // Boxes of people side by side overlap a little.
             manifest.thresholds.nms_iou = 0.2;
-            if let Some(person) = manifest.generic.first_mut() {
-                // So a fallen person has three anchors, not one.
-                (person.matched_iou, person.unmatched_iou) = (0.35, 0.2);
-            }
+        }
+        let person = manifest.generic.first_mut();
+        if let Some(person) = person.filter(|_| self.setting == Setting::Any) {
+            // So a fallen person has three anchors, not one.
+            (person.matched_iou, person.unmatched_iou) = (0.35, 0.2);
         }
         Manifest {
             uses_intensity: false,

@@ -52,7 +52,8 @@ fn scaling(family: Family) -> &'static Scaling {
 /// A model, and whether a vehicle is part of it.
 fn attempt(family: Family, dice: &mut Dice) -> (Model, bool) {
     let is_any = family == Family::SimAny;
-    let is_large = is_any && dice.chance(LARGE_CHANCE);
+    let has_trucks = family.known_classes().contains(&Class::Truck);
+    let is_large = !has_trucks && dice.chance(LARGE_CHANCE);
     let first = if is_large {
         Class::Car
     } else {
@@ -90,7 +91,7 @@ fn attempt(family: Family, dice: &mut Dice) -> (Model, bool) {
 
 /// Stretches a car to the size of a van, truck or bus, and its bonnet up towards the roof.
 fn enlarge(mesh: &mut Mesh, dice: &mut Dice) {
-    let size_m = LARGE_M.map(|[low, high]| dice.range(low, high));
+    let size_m = LARGE_M.map(|[low, high]| low * (high / low).powf(dice.unit()));
     let bend = dice.range(LARGE_BEND[0], LARGE_BEND[1]);
     let (low, extent) = (mesh.bounds().0, extent(mesh));
     mesh.map(|p| {
