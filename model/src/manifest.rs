@@ -141,6 +141,26 @@ pub struct Takes {
     pub points: [u32; 2],
 }
 
+impl Takes {
+    /// Sensors like one: from 0.6 to 1.6 times its beams, 0.5 m lower or higher (more costs most of the recall), tilted by 7 degrees, and a tenth to twice of
+    /// its returns a turn; any number where it names no beams. All but the height are guesses.
+    pub fn like(beams: f32, returns: f32, height_m: f32) -> Takes {
+        let range = |value: f32, low: f32, high: f32| {
+            if value > 0.0 {
+                [(value * low) as u32, (value * high).ceil() as u32]
+            } else {
+                [0, u32::MAX]
+            }
+        };
+        Takes {
+            beams: range(beams, 0.6, 1.6),
+            height_m: [(height_m - 0.5).max(0.05), height_m + 0.5],
+            tilt_max_deg: 7.0,
+            points: range(returns, 0.1, 2.0),
+        }
+    }
+}
+
 /// Where a model comes from.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -211,28 +231,13 @@ impl Manifest {
         self.classes.iter().map(|c| c.name.clone()).collect()
     }
 
-    /// Which input the model takes. Where the file does not say, sensors like the one it was trained on: from 0.6 to 1.6 times its beams, 0.5 m lower or
-    /// higher (more costs most of the recall), tilted by 7 degrees, and a tenth to twice of its returns; any number where it names no beams. All but the
-    /// height are guesses.
+    /// Which input the model takes. Where the file does not say, sensors like the one it was trained on.
     pub fn takes(&self) -> Takes {
         if let Some(takes) = &self.takes {
             return takes.clone();
         }
         let beams = self.beams.elevation_rad.len() as f32;
         let returns = beams * std::f32::consts::TAU / self.beams.azimuth_step_rad.max(1e-4);
-        let (height_m, around_m) = (self.sensor_height_m, 0.5);
-        let range = |value: f32, low: f32, high: f32| {
-            if value > 0.0 {
-                [(value * low) as u32, (value * high).ceil() as u32]
-            } else {
-                [0, u32::MAX]
-            }
-        };
-        Takes {
-            beams: range(beams, 0.6, 1.6),
-            height_m: [(height_m - around_m).max(0.05), height_m + around_m],
-            tilt_max_deg: 7.0,
-            points: range(returns, 0.1, 2.0),
-        }
+        Takes::like(beams, returns, self.sensor_height_m)
     }
 }

@@ -122,6 +122,12 @@ impl SensorProfile {
         within("height_m", self.height_m.unwrap_or(1.0), 0.05, 10.0)?;
         within("pitch_deg", self.pitch_deg, -30.0, 30.0)?;
         within("roll_deg", self.roll_deg, -30.0, 30.0)?;
+        if !self.units.is_empty() && [self.pitch_deg, self.roll_deg] != [0.0; 2] {
+            return Err(
+                "pitch_deg, roll_deg: expected those of each of the units, found one for all"
+                    .into(),
+            );
+        }
         within("units", self.units.len() as f32, 0.0, 4.0)
     }
 }

@@ -5,7 +5,7 @@ use mluc_dataset::read_scan;
 use mluc_ingest::estimate::{Estimator, SensorEstimate};
 use mluc_ingest::{DecodeReport, Expected, Guard};
 use mluc_ipc_types::{Flags, Point};
-use mluc_model::{Grid, Manifest, Network, SensorProfile, Takes};
+use mluc_model::{Manifest, Model, SensorProfile};
 use mluc_simulate::{Family, Split, frame};
 use mluc_tests::{data_folder, skip};
 use std::path::Path;
@@ -15,18 +15,11 @@ type Scan = Vec<Point>;
 /// Scans after which a fault must be flagged.
 const SCANS: usize = 10;
 
-/// A model for many sensors, all around.
+/// The shipped model's: any sensor, all around.
 fn takes() -> Manifest {
-    let mut grid = Grid::kitti_compact();
-    (grid.range_min_m[0], grid.range_max_m[0]) = (-35.2, 35.2);
-    let mut manifest = Manifest::untrained("many", Network::compact(grid, 3));
-    manifest.takes = Some(Takes {
-        beams: [8, 140],
-        height_m: [0.6, 3.0],
-        tilt_max_deg: 7.0,
-        points: [5_000, 262_144],
-    });
-    manifest
+    let weights = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights");
+    let shipped = Model::read(&Path::new(weights).join("any-open.safetensors"));
+    shipped.expect("a model").manifest
 }
 
 /// Scans of one sensor, what it is, and what they say of it.
@@ -171,8 +164,8 @@ fn faults(set: &Set) -> Vec<(&'static str, Change, bool)> {
     let half = keep(move |_, p| beam(p) % 2 == 0);
     add("half of the beams", half, are_clear);
     add("all points twice", twice, true);
-    let [low, high] = [0.3, 5.0].map(|above_m| lift(above_m - height_m));
-    add("0.3 m lower than the model takes", low, true);
+    let [low, high] = [0.05, 5.0].map(|above_m| lift(above_m - height_m));
+    add("0.25 m lower than the model takes", low, true);
     add("2 m higher than the model takes", high, true);
     add("tilted by 10 degrees", tilted, true);
     add("30 % NaN", losing, true);

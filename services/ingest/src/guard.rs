@@ -20,7 +20,7 @@ pub enum Reason {
     #[error("coordinates seem to be in {}, expected m: read them with --scale {}", .0.name(), .0.in_m())]
     Unit(Unit),
     /// Not metres either, perhaps: depth of the ground as if in m; the lowest and the highest of the sensor.
-    #[error("the ground lies {:.1} below the sensor, expected {:.1} to {:.1} m: if the coordinates are in feet, read them with --scale 0.3048", .0, .1[0], .1[1])]
+    #[error("the ground lies {:.1} below the sensor, expected {:.1} to {:.1} m: if the coordinates are in feet, read them with --scale 0.3048, else mount it there or take a model for this height", .0, .1[0], .1[1])]
     Feet(f32, [f32; 2]),
     /// What points up in z's place.
     #[error("{} points up, expected z: say with --axes which axes point ahead, to the left and up", .0.name())]
@@ -77,7 +77,7 @@ pub enum Reason {
 /// Larger shares of points without a measurement are no few wrong ones; a guess.
 const SHARE_MAX: f32 = 0.25;
 /// Scans with fewer points are not judged by their shape: a guess.
-const POINTS_MIN: u32 = 5_000;
+const POINTS_MIN: u32 = 2_000;
 /// A few wrong returns are no other scale.
 const INTENSITY_MAX: f32 = 1.001;
 /// What an estimate may be off before it counts: height, m, and tilt, degrees.
@@ -192,7 +192,8 @@ impl Expected {
         add(found.unit != Unit::Metre, Reason::Unit(found.unit));
         add(found.up != Up::Z, Reason::Axes(found.up));
         let (end_m, end_share) = (found.range_end_m, found.range_end_share);
-        let is_cut = end_m < RANGE_END_MIN_M && end_share > RANGE_END_SHARE;
+        let sees_m = self.sensor.as_ref().map_or(f32::MAX, |s| s.range_m[1]);
+        let is_cut = end_m < RANGE_END_MIN_M.min(sees_m - 1.0) && end_share > RANGE_END_SHARE;
         add(is_cut, Reason::Range(end_m));
         // Scans in another frame or unit say nothing of mounting and beams.
         if found.up == Up::Z {
@@ -260,8 +261,9 @@ impl Expected {
         let (Some(top), Some(bottom)) = (beams.first(), beams.last()) else {
             return;
         };
-        // Of merged sensors the profile's elevations are of one of them.
-        if sensor.units.len() > 1 {
+        // Of merged sensors the profile's elevations are of one of them; one that is too tilted for the model sends levelled points, whose elevations are others.
+        let tilt_deg = sensor.pitch_deg.hypot(sensor.roll_deg);
+        if sensor.units.len() > 1 || tilt_deg > self.takes.tilt_max_deg {
             return;
         }
         let spacing_deg = (top - bottom) / (beams.len().max(2) - 1) as f32;

@@ -76,8 +76,8 @@ impl Default for EgoEstimator {
 }
 
 impl EgoEstimator {
-    /// Where the sensor is, in a frame that stands still while scans match. None for the first scan, and for one that fits none before it: later ones are laid
-    /// over that one. Of a frame without its scan the motion is taken to go on.
+    /// Where the sensor is, in a frame that stands still while scans match; later scans are laid over one that does not. Of a frame without its scan, and of one
+    /// that does not match after one that did, the motion is taken to go on. None for the first scan, and for the second in a row that does not match.
     pub fn estimate(&mut self, header: &FrameHeader, scan: Option<&FrameIndex>) -> Option<EgoPose> {
         let (run, sequence) = (header.run_id, header.sequence);
         let known = self.last.filter(|last| last.run == run);
@@ -99,13 +99,14 @@ impl EgoEstimator {
             _ => None,
         };
         let Some((last, gap, earlier, pose)) = found else {
-            self.step = None;
+            let step = gap.and(self.step.take());
+            let pose = step.map(|step| after(&step));
             self.begin(Taken {
                 run,
                 sequence,
-                pose: Isometry2::identity(),
+                pose: pose.unwrap_or_default(),
             });
-            return None;
+            return pose.as_ref().map(told);
         };
         self.step =
             Some(Isometry2::identity().lerp_slerp(&(last.pose.inverse() * pose), 1.0 / gap));
@@ -305,12 +306,12 @@ mod tests {
         }
         let (scan, empty) = (seen_from(&pose), sorted(&[]));
         assert!(
-            estimator.estimate(&header(7, 30), Some(&empty)).is_none(),
-            "nothing is there"
+            estimator.estimate(&header(7, 30), Some(&empty)).is_some(),
+            "the motion goes on"
         );
         assert!(
             estimator.estimate(&header(7, 31), Some(&scan)).is_none(),
-            "nor was it"
+            "twice is once too often"
         );
         assert!(estimator.estimate(&header(7, 32), Some(&scan)).is_some());
         assert!(

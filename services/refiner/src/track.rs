@@ -2,7 +2,7 @@
 //!
 //! A bush that looks like an object in one frame mostly does so in the next, because it stands still: more frames alone tell little.
 //! What moves over the ground is no bush. So a track is as likely as its best frames say (the mean of their log odds), and more likely
-//! where it moves; what has stood still for long is ranked lower, and never deleted. Known objects are not looked at and never delayed.
+//! where it moves; what stands still for a whole window is ranked lower, also before it is confirmed; confirmed once, it stays so. Known objects are not looked at and never delayed.
 
 use mluc_ipc_types::{
     Disposition, EgoPose, FrameHeader, OBJECTS_MAX, Object, ObjectKind, TrackNews,

@@ -14,7 +14,7 @@ use mluc_evaluate::pipeline::{
     DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_profiles, detect_frames, judge,
     write_precisions, write_profiles,
 };
-use mluc_model::{Model, SensorProfile, model_bytes};
+use mluc_model::{Model, SensorProfile, Takes, model_bytes};
 use mluc_refiner::{ClusterScorer, Settings};
 use mluc_simulate::{Class, Split};
 use mluc_train::TrainSettings;
@@ -147,9 +147,9 @@ impl Adaptation<'_> {
         print_err("step 4 of 4: int8 ranges, scores, figures");
         let (trained, path) = (self.run_folder().join("model.safetensors"), self.model());
         let is_done = Model::read(&path).is_ok_and(|model| {
-            let from = model.manifest.provenance;
-            // The last one that is written.
-            !from.profile_choice.is_empty()
+            // The last ones that are written.
+            let [last, _] = Precision::Int8.metrics();
+            model.manifest.provenance.metrics.contains_key(&last)
         });
         if is_done {
             return Ok(());
@@ -164,6 +164,15 @@ impl Adaptation<'_> {
         let (set, frames, judgement) = self.judge(&train)?;
         ModelGate::Known.set(&mut manifest.thresholds, 0.5);
         manifest.provenance.threshold_choice = "one half: more likely unknown than known".into();
+        let sensor = &self.plan.request.sensor;
+        let beams = (sensor.elevations_deg.len() * sensor.units.len().max(1)) as f32;
+        let returns = beams * 360.0 / sensor.azimuth_step_deg;
+        let mut takes = Takes::like(beams, returns, sensor.height_m.unwrap_or_default());
+        if sensor.height_m.is_none() {
+            // Simulated at any height.
+            takes.height_m = manifest.takes().height_m;
+        }
+        manifest.takes = Some(takes);
         let bytes = model_bytes(&manifest, &weights)?;
         write_whole(&path, &bytes).with_context(|| path.display().to_string())?;
         let (model, rules, settings) = (Model::read(&path)?, &judgement.rules, Settings::default());

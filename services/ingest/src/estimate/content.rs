@@ -10,6 +10,8 @@ const RANGE_BINS: usize = 1 << (31 - RANGE_SHIFT);
 /// Half of the returns of a sensor lie nearer than some tens of m: above this many, in cm; above that, in mm.
 const CENTIMETRES_FROM: f32 = 200.0;
 const MILLIMETRES_FROM: f32 = 2_000.0;
+/// Of the points, with intensities above 1: fewer are wrong returns; a guess.
+const LOUD_SHARE: f32 = 0.001;
 /// Of the points whose hash ends in so many zero bits, both copies are looked at.
 const HASH_SHARE: u32 = 64;
 const HASHES: usize = 1 << 13;
@@ -27,6 +29,8 @@ pub(super) struct Content {
     ranges: Vec<u32>,
     hashes: Vec<u32>,
     intensity_max: f32,
+    /// Points with intensities above 1.
+    loud: u64,
     /// Of the last scan.
     pub(super) unit: Unit,
 }
@@ -64,10 +68,8 @@ impl Content {
                 self.zeros += 1;
             } else {
                 self.ranges[(range.to_bits() >> RANGE_SHIFT) as usize % RANGE_BINS] += 1;
-                // One wrong return is no other scale.
-                if point.intensity > self.intensity_max {
-                    self.intensity_max = point.intensity;
-                }
+                self.loud += u64::from(point.intensity > 1.001);
+                self.intensity_max = self.intensity_max.max(point.intensity);
             }
         }
         let median = self.range(0.5);
@@ -116,7 +118,10 @@ impl Content {
         estimate.unit = self.unit;
         estimate.range_median_m = self.range(0.5) * self.unit.in_m();
         estimate.range_longest_m = self.range(0.999) * self.unit.in_m();
-        estimate.intensity_max = self.intensity_max;
+        // A few wrong returns are no other scale.
+        let is_loud = share(self.loud, self.sampled) > LOUD_SHARE;
+        let most = if is_loud { f32::MAX } else { 1.0 };
+        estimate.intensity_max = self.intensity_max.min(most);
     }
 }
 

@@ -8,6 +8,9 @@ use super::SensorEstimate;
 const RANGE_SHORTEST_M: f32 = 0.5;
 const RANGE_NOISE_M: f32 = 0.02;
 
+/// Beams this near a product's are of it, degrees; a guess.
+const PRODUCT_DEG: f32 = 0.1;
+
 /// Products whose distances differ by less are alike.
 const ALIKE_DEG: f32 = 0.005;
 
@@ -66,6 +69,12 @@ impl SensorEstimate {
         best
     }
 
+    /// The products that it can be.
+    pub fn product(&self) -> Option<Nearest> {
+        let near = self.nearest().filter(|_| self.are_beams_clear);
+        near.filter(|near| near.distance_deg < PRODUCT_DEG)
+    }
+
     /// A profile of this sensor: of clear beams the peaks; else as many as a column has returns, evenly over the vertical field.
     pub fn profile(&self, name: &str) -> SensorProfile {
         let [top, bottom] = self.vertical_field_deg;
@@ -77,14 +86,21 @@ impl SensorEstimate {
             (0..beams).map(even).collect()
         };
         let scans = self.scans;
+        // What scans do not show, or not in every place: as a product with the same beams has it.
+        let product = self.product().map(|near| near.profile);
+        let longest_m = self.range_longest_m.clamp(5.0, 500.0);
         SensorProfile {
             name: name.to_string(),
-            source: format!("estimated from {scans} scans; range noise is a guess"),
+            source: format!(
+                "estimated from {scans} scans; range noise is a product's, else a guess"
+            ),
             elevations_deg,
             azimuth_step_deg: self.azimuth_step_deg.unwrap_or(0.2),
             field_deg: (self.field_deg[1] < 360.0).then_some(self.field_deg),
-            range_m: [RANGE_SHORTEST_M, self.range_longest_m.clamp(5.0, 500.0)],
-            range_noise_m: RANGE_NOISE_M,
+            range_m: product.as_ref().map_or([RANGE_SHORTEST_M, longest_m], |p| {
+                [p.range_m[0], p.range_m[1].max(longest_m)]
+            }),
+            range_noise_m: product.map_or(RANGE_NOISE_M, |p| p.range_noise_m),
             height_m: self.height_m,
             pitch_deg: self.pitch_deg.clamp(-30.0, 30.0),
             roll_deg: self.roll_deg.clamp(-30.0, 30.0),

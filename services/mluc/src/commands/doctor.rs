@@ -69,7 +69,6 @@ pub fn doctor(args: &DoctorArgs, open: Option<Open>) -> anyhow::Result<ExitCode>
         let sensor = sensor.map_err(|error| UsageError(error.to_string()))?;
         let expected = Expected::new(&model.manifest, sensor);
         findings.extend(input::findings(
-            &args.model,
             input,
             &args.layout.layout()?,
             &expected,

@@ -16,7 +16,8 @@ use super::terminal::{print_out, write_out};
 
 /// Estimate a sensor's profile from its scans: beams, columns, field, range, height, tilt, own body, beside the nearest product.
 ///
-/// The profile is what `--sensor` takes. Range noise and the shortest range cannot be seen in scans; correct them in the file.
+/// The profile is what `--sensor` takes. Range noise and the shortest range cannot be seen in scans: they are those of a product with the same beams, else
+/// guesses; correct them in the file.
 /// --profile shows a profile instead: its beams, and how many of them hit a car.
 #[derive(Args)]
 pub(crate) struct SensorArguments {
@@ -85,6 +86,12 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
     let (name, other) = other_sensor(arguments.sensor.as_deref(), &found)?;
     print(&found, &name, &other)?;
     if let Some(path) = &arguments.out {
+        let up = found.up.name();
+        ensure!(
+            up == "z",
+            "{}: expected scans with z up to write a profile of, found {up}: turn their axes first",
+            input.display()
+        );
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let text = toml::to_string(&found.profile(&name))?;
         // What cannot be read back must not be written.

@@ -16,12 +16,8 @@ const SCANS: u64 = 20;
 /// A live sensor is waited for so long.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Beams this near a product's are of it, degrees; a guess.
-const NEAR_DEG: f32 = 0.1;
-
 /// Looks at some scans.
 pub(super) fn findings(
-    model: &str,
     input: &Path,
     layout: &Layout,
     expected: &Expected,
@@ -69,7 +65,7 @@ pub(super) fn findings(
         ));
     }
     let command = match reasons[..] {
-        [] => command(model, input, found, expected),
+        [] => command(found, expected),
         _ => "first do what the warnings say".to_string(),
     };
     findings.push((Fine, format!("to use: {command}")));
@@ -139,19 +135,22 @@ fn about_model(expected: &Expected) -> String {
     )
 }
 
-/// The command for these scans.
-fn command(model: &str, input: &Path, found: &SensorEstimate, expected: &Expected) -> String {
-    let near = found.nearest().filter(|_| found.are_beams_clear);
-    let near = near.filter(|near| near.distance_deg < NEAR_DEG);
-    let names = near.map(|near| near.names).unwrap_or_default();
+/// The command for these scans: `up` takes what doctor was given.
+fn command(found: &SensorEstimate, expected: &Expected) -> String {
+    let names = found.product().map(|near| near.names).unwrap_or_default();
     let sensor = match (expected.sensor(), &names[..]) {
-        (Some(_), _) => " --sensor as given".to_string(),
-        (None, []) => String::new(),
+        (Some(_), _) | (None, []) => String::new(),
         (None, [name]) => format!(" --sensor {name}"),
         (None, [name, others @ ..]) => {
             format!(" --sensor {name}   (the same beams: {})", others.join(", "))
         }
     };
-    let input = input.display();
-    format!("mluc up --model {model} --input {input}{sensor}")
+    let given = std::env::args().skip_while(|word| word != "doctor");
+    let quoted =
+        |word: String| match word.contains(|c: char| c.is_whitespace() || "'\"$*&;".contains(c)) {
+            true => format!(" '{}'", word.replace('\'', r"'\''")),
+            false => format!(" {word}"),
+        };
+    let given: String = given.skip(1).map(quoted).collect();
+    format!("mluc up{given}{sensor}")
 }

@@ -84,6 +84,7 @@ fn sleep_until(sender: &mut Sender, due_ns: u64) -> Result<bool, RuntimeError> {
 
 pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Result<()> {
     let end_ns = end_ns(settings, monotonic_ns());
+    sender.step_ns = Some(offset_ns(None, settings, 1));
     for sequence in first.. {
         let is_over = monotonic_ns() >= end_ns || sender.shell.is_stopping();
         if is_over || !sender.load(sequence, end_ns)? {

@@ -41,6 +41,8 @@ pub(crate) struct Sender<'a> {
     /// The last scan once more, for a look after it was sent.
     again: Vec<Point>,
     pub(crate) loaded: Loaded,
+    /// Between scans without stamps, ns, where they are read at no sensor's pace.
+    pub(crate) step_ns: Option<u64>,
 }
 
 impl Sender<'_> {
@@ -78,6 +80,7 @@ impl Sender<'_> {
             },
             again: Vec::with_capacity(POINTS_MAX),
             loaded: Loaded::default(),
+            step_ns: None,
         })
     }
 
@@ -216,7 +219,9 @@ impl Sender<'_> {
         let run = self.shell.run().context("the run")?;
         (header.run_id, header.model_fingerprint) = (run.run_id, run.model_fingerprint);
         header.attempt = attempt;
-        header.sensor_stamp_ns = scan.stamp_ns.unwrap_or_else(wall_clock_ns);
+        let at_rate_ns = |step_ns: u64| run.started_ns + sequence * step_ns;
+        let read_ns = || self.step_ns.map_or_else(wall_clock_ns, at_rate_ns);
+        header.sensor_stamp_ns = scan.stamp_ns.unwrap_or_else(read_ns);
         header.ego = scan.pose.unwrap_or_default();
         header.points_in = report.points_in;
         header.points_dropped = report.dropped();
