@@ -103,7 +103,4 @@ pub(crate) struct CompareArgs {
     /// One JSON object on stdout.
     #[arg(long)]
     pub(crate) json: bool,
-    /// Exit code 3 when B is higher anywhere.
-    #[arg(long)]
-    pub(crate) fail_if_higher: bool,
 }

@@ -58,7 +58,7 @@ impl Folder {
         }
         for inner in ["velodyne", "velodyne_points/data", ""] {
             let folder = input.join(inner);
-            let scans = scan_files(&folder)?;
+            let scans = scan_files(&folder, None)?;
             if !scans.is_empty() {
                 check(&scans)?;
                 return Ok(Folder {
@@ -195,19 +195,23 @@ fn refusal(input: &Path) -> String {
     format!("expected a scan ({scan}), a capture, a recording (.mcap), or a folder{help}")
 }
 
-/// Empty where there is no such folder.
-pub(crate) fn scan_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+/// Of one format, in order of their names; empty where there is no such folder.
+pub(crate) fn scan_files(folder: &Path, like: Option<&Path>) -> anyhow::Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
     let name = folder.display();
     let entries = fs::read_dir(folder).with_context(|| format!("input {name}"))?;
     let paths = entries.flatten().map(|entry| entry.path());
-    let scans = paths.filter(|path| Format::of(path).is_some());
+    let wanted = like.and_then(Format::of);
+    let scans = paths.filter(|path| match (Format::of(path), wanted) {
+        (Some(format), Some(wanted)) => format == wanted,
+        (format, _) => format.is_some(),
+    });
     let mut scans: Vec<PathBuf> = scans.take(SCANS_MAX + 1).collect();
     let is_bounded = scans.len() <= SCANS_MAX;
     ensure!(is_bounded, "input {name}: more than {SCANS_MAX} scans");
-    scans.sort();
+    scans.sort_by_cached_key(|scan| in_order(scan));
     let mut formats: Vec<_> = scans.iter().filter_map(|path| Format::of(path)).collect();
     formats.sort();
     formats.dedup();
@@ -217,6 +221,20 @@ pub(crate) fn scan_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
         "input {name}: {expected}, found {formats:?}: put them into folders of their own"
     );
     Ok(scans)
+}
+
+/// A name that sorts as numbers count: 9 before 10.
+pub(crate) fn in_order(scan: &Path) -> (String, PathBuf) {
+    let name = scan.to_string_lossy();
+    let words = name.split_inclusive(|c: char| !c.is_ascii_digit());
+    let words = words.map(|word| match word.find(|c: char| !c.is_ascii_digit()) {
+        Some(0) => word.to_string(),
+        end => {
+            let (digits, rest) = word.split_at(end.unwrap_or(word.len()));
+            format!("{digits:0>20}{rest}")
+        }
+    });
+    (words.collect(), scan.to_path_buf())
 }
 
 /// A file of this name in the folder of scans or above it.

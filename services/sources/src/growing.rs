@@ -7,7 +7,7 @@ use std::time::{Duration, Instant, SystemTime};
 use anyhow::{Context, ensure};
 
 use crate::files::Layout;
-use crate::folder::{Folder, scan_files};
+use crate::folder::{Folder, in_order, scan_files};
 use crate::{LiveScans, Next, Scan};
 
 /// What such an input begins with.
@@ -55,9 +55,11 @@ impl Growing {
         {
             return Ok(None);
         }
-        let mut scans = scan_files(&self.path)?;
         let last = self.folder.scans.first().cloned();
-        let mut fresh = scans.split_off(scans.partition_point(|scan| Some(scan) <= last.as_ref()));
+        let mut scans = scan_files(&self.path, last.as_deref())?;
+        let old = last.as_deref().map(in_order);
+        let count = scans.partition_point(|scan| Some(in_order(scan)) <= old);
+        let mut fresh = scans.split_off(count);
         if !self.has_settled(fresh.last()) {
             fresh.pop();
         }
@@ -137,6 +139,11 @@ mod tests {
         growing.next().unwrap();
         write("7.bin", 7);
         assert_eq!(until("7", &mut growing).0, 7);
+        // Numbers count, and files of another format are none of these scans.
+        ["stray.pcd", "10.bin"]
+            .iter()
+            .for_each(|name| write(name, 10));
+        assert_eq!(until("10", &mut growing), (10, 0));
         assert!(growing.silence().is_none());
         let error = Growing::open(&format!("{path}/1.bin"), &Layout::default());
         let error = error.err().unwrap().to_string();

@@ -133,11 +133,16 @@ impl Source {
             let found = "a live sensor, [[lidar]] or --loop";
             return Ok(refused("shard", expected, found)?);
         }
-        Ok(Source {
+        let source = Source {
             kind,
             repeat,
             shard,
-        })
+        };
+        if let (Some([index, parts]), Some(0)) = (shard, source.count()) {
+            let found = format!("part {index} of {parts}, and fewer scans");
+            return Ok(refused("shard", "a part with scans", &found)?);
+        }
+        Ok(source)
     }
 
     /// Opens what `input` is: a file or folder of scans, a capture, a recording, or an address (`udp:2368`). `repeat`: after the last scan the first one comes again. Errors: what

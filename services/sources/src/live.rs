@@ -43,6 +43,8 @@ struct Shared {
     replaced: AtomicU64,
     /// Since the sensor's last packet.
     silent_ms: AtomicU64,
+    /// Of the last datagram of no known sensor; 0 while one is known.
+    foreign_bytes: AtomicU64,
 }
 
 /// A socket, and the newest turn.
@@ -102,7 +104,12 @@ impl LiveScans for Live {
 
     fn silence(&self) -> Option<String> {
         let (address, seconds) = (self.address, self.shared.silent_ms.load(Relaxed) / 1000);
-        let words = || format!("no packets of the sensor at {address} for {seconds} s");
+        let words = || match self.shared.foreign_bytes.load(Relaxed) {
+            0 => format!("no packets of the sensor at {address} for {seconds} s"),
+            bytes => format!(
+                "packets of {bytes} bytes come to {address}, of no known sensor (an Ouster needs its metadata: --calibration)"
+            ),
+        };
         (seconds > 0).then(words)
     }
 }
@@ -151,7 +158,10 @@ impl Listener {
                 if looks > LOOKS_MAX {
                     return Err(detector.not_found());
                 }
+                let bytes = datagram.payload.len() as u64;
                 decoder = detector.look(&datagram)?;
+                let foreign = if decoder.is_some() { 0 } else { bytes };
+                self.shared.foreign_bytes.store(foreign, Relaxed);
                 if let Some(decoder) = &decoder {
                     tracing::info!(sensor = decoder.product(), from = %datagram.from, "packets");
                 }

@@ -329,15 +329,21 @@ mod tests {
             let stamps = stamps.collect::<Vec<_>>().into_iter();
             Source::live(Stamped(stamps), layout)
         };
-        // Several, or a live one, have no parts.
+        // Several, or a live one, have no parts; one scan has no second part.
         let part = Layout {
             shard: Some([0, 2]),
             ..Layout::default()
         };
         let merged = Source::merge(&lidars, &part, [0.0; 6], 50, open);
-        for refused in [merged, open(&lidars[0].input, &part, false)] {
-            let error = refused.err().expect("an error").to_string();
-            assert!(error.starts_with("shard: expected"), "{error}");
+        let scan = tempfile::Builder::new().suffix(".bin").tempfile().unwrap();
+        let second = Layout {
+            shard: Some([1, 2]),
+            ..Layout::default()
+        };
+        let second = Source::open(scan.path(), &second, false);
+        for refused in [merged, open(&lidars[0].input, &part, false), second] {
+            let error = format!("{:#}", refused.err().expect("an error"));
+            assert!(error.contains("shard: expected"), "{error}");
         }
         let mut source = Source::merge(&lidars, &Layout::default(), [0.0; 6], 50, open).unwrap();
         let mut missing = |sequence| {

@@ -55,6 +55,8 @@ impl Kept {
 pub struct View {
     sectors: [Kept; Status::SECTORS],
     ground: Kept,
+    /// Up to [`LOOKS`].
+    looks: u8,
     finder: LevelFinder,
     /// Sectors that the profile says the sensor sees; without one those that had returns in this run.
     field: Option<u64>,
@@ -67,6 +69,7 @@ impl View {
         View {
             sectors: [Kept::default(); Status::SECTORS],
             ground: Kept::default(),
+            looks: 0,
             finder: LevelFinder::default(),
             field: sensor.map(field),
             range_min_m: sensor.map_or(RANGE_MIN_M, |sensor| sensor.range_m[0]),
@@ -77,6 +80,7 @@ impl View {
     pub fn clear(&mut self) {
         self.sectors.fill(Kept::default());
         self.ground = Kept::default();
+        self.looks = 0;
     }
 
     /// Looks at a scan: every seventh point.
@@ -96,12 +100,18 @@ impl View {
         let is_ground = level
             .is_some_and(|level| level.share >= GROUND_SHARE_MIN && level.z_m() < -HEIGHT_M.start);
         self.ground.look(f32::from(u8::from(is_ground)));
+        self.looks = (self.looks + 1).min(LOOKS);
     }
 
     /// Sectors that should have returns, as bits.
     pub fn expected(&self) -> u64 {
         let seen = || self.bits(Kept::is_usual);
         self.field.unwrap_or_else(seen)
+    }
+
+    /// No direction ever had returns.
+    pub fn sees_nothing(&self) -> bool {
+        self.looks >= LOOKS && self.bits(|kept| kept.seen > 0) == 0
     }
 
     /// Of those, the ones without returns.

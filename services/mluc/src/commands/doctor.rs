@@ -44,7 +44,7 @@ pub fn doctor(args: &DoctorArgs, open: Option<Open>) -> anyhow::Result<ExitCode>
     }
     let loaded = model::load(&args.model);
     let about_model = match &loaded {
-        Ok(model) => describe_model(model),
+        Ok(model) => describe_model(model, &args.model),
         Err(error) => (Failure, format!("{error:#}")),
     };
     let about_memory = check_shared_memory(loaded.as_ref().ok());
@@ -87,8 +87,8 @@ pub fn doctor(args: &DoctorArgs, open: Option<Open>) -> anyhow::Result<ExitCode>
     Ok(ExitCode::from(if has_failed { EXIT_FAILURE } else { 0 }))
 }
 
-fn describe_model(model: &Model) -> Finding {
-    let (name, architecture) = (&model.manifest.name, &model.manifest.network.profile);
+fn describe_model(model: &Model, name: &str) -> Finding {
+    let architecture = &model.manifest.network.profile;
     let (classes, fingerprint) = (model.manifest.class_names().join(", "), model.fingerprint);
     let text =
         format!("model {name} ({architecture}), classes {classes}, fingerprint {fingerprint:016x}");

@@ -85,11 +85,7 @@ pub(super) struct Summary {
 impl Summary {
     pub(super) fn record(&mut self, header: &FrameHeader) {
         self.frames += 1;
-        let dropped = header.points_dropped;
-        let unusable = dropped.saturating_add(header.points_out_of_range);
-        let usable = header.points_in.saturating_sub(unusable);
-        // Some bytes of a text file read as points in range, 2 % or so; of a scan at least a fifth lies there.
-        self.usable += u64::from(usable > header.points_in / 20);
+        self.usable += u64::from(header.is_usable());
         for name in Flags(header.flags).names() {
             *self.flags.entry(name).or_default() += 1;
         }

@@ -117,6 +117,7 @@ impl StatusWriter {
         let [expected, blind] = [self.view.expected(), self.view.blind()];
         (self.facts.expected_sectors, self.facts.blind_sectors) = (expected, blind);
         self.facts.is_ground_lost = self.view.is_ground_lost();
+        self.facts.sees_nothing = self.view.sees_nothing();
     }
 
     /// A result that came out.
@@ -171,7 +172,9 @@ impl StatusWriter {
     fn show(&mut self, now_ns: u64, verdict: Verdict) {
         let is_begun = ![verdict.0, self.shown.0].contains(&StatusState::Starting);
         let is_better = is_begun && verdict.0 < self.shown.0;
-        if is_better && now_ns - *self.better_since_ns.get_or_insert(now_ns) < HOLD_NS {
+        // Where no pace is held, time says nothing of frames.
+        let hold_ns = self.facts.budget_ns.map_or(0, |_| HOLD_NS);
+        if is_better && now_ns - *self.better_since_ns.get_or_insert(now_ns) < hold_ns {
             return;
         }
         self.better_since_ns = None;
@@ -272,6 +275,7 @@ struct Newest {
     /// When its scan arrived.
     arrived_ns: u64,
     flags: Flags,
+    is_usable: bool,
 }
 
 /// What a judgement rests on.
@@ -294,6 +298,7 @@ struct Facts {
     expected_sectors: u64,
     blind_sectors: u64,
     is_ground_lost: bool,
+    sees_nothing: bool,
 }
 
 impl Facts {
@@ -321,6 +326,7 @@ impl Facts {
             sequence: header.sequence,
             arrived_ns: received_ns.min(monotonic_ns()),
             flags: Flags(header.flags),
+            is_usable: header.is_usable(),
         });
     }
 
@@ -367,6 +373,13 @@ impl Facts {
         }
         if newest.flags.contains(Flags::EMPTY) {
             return (Blind, "the scans are empty".to_string());
+        }
+        if self.sees_nothing {
+            return (Blind, "no direction has returns".to_string());
+        }
+        if !newest.is_usable {
+            let why = "fewer than 5 % of the points are finite and in the model's range";
+            return (Blind, why.to_string());
         }
         if age_ns > late_ns {
             return (Late, because("results are older than the budget allows"));
@@ -470,6 +483,8 @@ mod tests {
                 "half" => facts.blind_sectors = 0x3f,
                 "one" => facts.blind_sectors = 1,
                 "nan" => facts.not_finite_share = 0.95,
+                "dark" => facts.sees_nothing = true,
+                "unusable" => facts.newest.iter_mut().for_each(|n| n.is_usable = false),
                 "ground" => facts.is_ground_lost = true,
                 "new" => facts.newest = None,
                 // Nothing came for 5 s, once.

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use mluc_ingest::estimate::{Estimator, SensorEstimate};
 use mluc_ingest::{Expected, decode_bin, inspect_bin};
-use mluc_ipc_types::{POINTS_MAX, Point};
+use mluc_ipc_types::{Flags, POINTS_MAX, Point};
 
 use super::{Failure, Finding, Fine, Warning};
 use mluc_sources::{Next, Open, Scan, files::Layout};
@@ -28,6 +28,7 @@ pub(super) fn findings(
     let (mut scan, mut points) = (Scan::default(), vec![Point::default(); POINTS_MAX]);
     let step = source.count().map_or(1, |count| count.div_ceil(SCANS));
     let begun = Instant::now();
+    let mut damaged = vec![];
     for number in 0..SCANS {
         let next = loop {
             let next = source.load(number * step, &mut scan)?;
@@ -41,6 +42,12 @@ pub(super) fn findings(
         // The largest count first: a file beyond the limit is cut, as ingest cuts it.
         let kept = inspect_bin(&scan.bytes).points_out as usize;
         let report = decode_bin(&scan.bytes, &mut points[..kept]);
+        if kept == 0 || scan.flags != Flags::default() {
+            damaged.push(scan.name.clone());
+        }
+        if kept == 0 {
+            continue;
+        }
         estimator.look(&points[..kept], report.dropped_not_finite);
     }
     let found = estimator.estimate();
@@ -50,6 +57,13 @@ pub(super) fn findings(
     let mut findings = Vec::from(told.map(|about| (Fine, about(found))));
     findings.push((Fine, about_model(expected)));
     findings.extend(reasons.iter().map(|reason| (Warning, reason.to_string())));
+    if !damaged.is_empty() {
+        let text = format!(
+            "scans that are empty, cut short or unreadable: {}",
+            damaged.join(", ")
+        );
+        findings.push((Warning, text));
+    }
     if found.points == 0 {
         findings.push((
             Failure,

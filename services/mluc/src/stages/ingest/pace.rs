@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use mluc_runtime::{ClaimNote, RuntimeError, monotonic_ns};
+use anyhow::Context;
+use mluc_runtime::{ClaimNote, RuntimeError, monotonic_ns, wall_clock_ns};
 
 use super::sender::Sender;
 use crate::{settings::Settings, supervisor::ROLE};
@@ -21,7 +22,7 @@ const TAKEN_POLL_INTERVAL: Duration = Duration::from_micros(200);
 /// At the sensor's rate, whether or not the stages behind keep up.
 pub(crate) fn sensor(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Result<()> {
     let mut begun_ns = monotonic_ns();
-    let end_ns = end_ns(settings, begun_ns);
+    let end_ns = end_ns(sender, settings, first)?;
     let (mut last, mut first_ns) = (None, 0);
     for sequence in first.. {
         // The file is read before its time: a disk is no sensor.
@@ -60,9 +61,15 @@ fn offset_ns(stamped_ns: Option<u64>, settings: &Settings, sequence: u64) -> u64
     }
 }
 
-fn end_ns(settings: &Settings, begun_ns: u64) -> u64 {
-    let seconds = settings.seconds;
-    seconds.map_or(u64::MAX, |seconds| begun_ns + (seconds * 1e9) as u64)
+/// What an earlier life of this process took counts.
+fn end_ns(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Result<u64> {
+    let Some(seconds) = settings.seconds else {
+        return Ok(u64::MAX);
+    };
+    let run = sender.shell.run().context("the run")?;
+    let spent_ns = wall_clock_ns().saturating_sub(run.started_ns);
+    let spent_ns = if first > 0 { spent_ns } else { 0 };
+    Ok((monotonic_ns() + (seconds * 1e9) as u64).saturating_sub(spent_ns))
 }
 
 /// False: asked to end.
@@ -83,7 +90,7 @@ fn sleep_until(sender: &mut Sender, due_ns: u64) -> Result<bool, RuntimeError> {
 }
 
 pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Result<()> {
-    let end_ns = end_ns(settings, monotonic_ns());
+    let end_ns = end_ns(sender, settings, first)?;
     sender.step_ns = Some(offset_ns(None, settings, 1));
     for sequence in first.. {
         let is_over = monotonic_ns() >= end_ns || sender.shell.is_stopping();
