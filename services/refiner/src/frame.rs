@@ -98,6 +98,11 @@ impl FrameIndex {
         }
     }
 
+    /// All points.
+    pub(crate) fn points(&self) -> &[IndexedPoint] {
+        &self.slots
+    }
+
     /// The points of a tile.
     pub(crate) fn points_in(&self, tile: usize) -> &[IndexedPoint] {
         &self.slots[self.tile_first[tile] as usize..self.tile_first[tile + 1] as usize]

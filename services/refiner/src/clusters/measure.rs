@@ -7,6 +7,7 @@ use nalgebra::Matrix3;
 
 use crate::Sensor;
 use crate::fit::{ClusterPoints, Rectangle, higher, lower};
+use crate::frame::IndexedPoint;
 use mluc_geometry::ground::{ground_height_m, tiles::whole};
 
 /// Measurements of one cluster, as the sensor saw it: nothing is completed.
@@ -43,10 +44,19 @@ pub struct Measures {
 pub(super) struct Measurer {
     /// Between columns and between beams, rad.
     steps_rad: [f32; 2],
+    /// Whether the model says them.
+    is_given: bool,
 }
 
 /// HDL-64E at 10 Hz, rad: 0.1728 degrees between columns, 26.8 degrees over 64 beams.
 const STEPS_DEFAULT_RAD: [f32; 2] = [0.003_015_929, 0.007_425];
+/// Where the model knows no beams, returns are counted between these elevations (tangents of -8 and -2 degrees): hardly a ray is lost there. Every so-maniest
+/// point is looked at, and so many are too few.
+const BAND: [f32; 2] = [-0.1405, -0.0349];
+const SAMPLE: usize = 16;
+const SAMPLED_MIN: u32 = 30;
+/// Directions are told apart by octant and by the ratio of the shorter side to the longer one, in so many steps.
+const RATIOS: u32 = 4;
 const DENSITY_MAX: f32 = 10.0;
 const PER_M: f32 = 1000.0;
 
@@ -61,7 +71,39 @@ impl Measurer {
                 steps_rad[1] = (first - last) / (beams.elevation_rad.len() as f32 - 1.0);
             }
         }
-        Measurer { steps_rad }
+        Measurer {
+            steps_rad,
+            is_given: sensor.beams.is_some(),
+        }
+    }
+
+    /// Finds how far apart the beams of a scan are, columns being as those of an HDL-64E: the product of both steps counts.
+    pub(super) fn look(&mut self, points: &[IndexedPoint]) {
+        if self.is_given {
+            return;
+        }
+        let (mut count, mut directions) = (0u32, 0u32);
+        for point in points.iter().step_by(SAMPLE) {
+            let [x, y, z] = point.at_m;
+            let distance = (x * x + y * y).sqrt();
+            if z > BAND[0] * distance && z < BAND[1] * distance {
+                let [short, long] = [x.abs().min(y.abs()), x.abs().max(y.abs())];
+                let octant =
+                    u32::from(x > 0.0) + 2 * u32::from(y > 0.0) + 4 * u32::from(x.abs() > y.abs());
+                let ratio = ((short / long * RATIOS as f32) as u32).min(RATIOS - 1);
+                directions |= 1 << (octant * RATIOS + ratio);
+                count += 1;
+            }
+        }
+        let [column_rad, beam_rad] = STEPS_DEFAULT_RAD;
+        let seen_rad = std::f32::consts::TAU * directions.count_ones() as f32 / u32::BITS as f32;
+        let returns = (count * SAMPLE as u32) as f32;
+        let found_rad = (BAND[1] - BAND[0]) * seen_rad / (returns * column_rad);
+        self.steps_rad[1] = if count < SAMPLED_MIN {
+            beam_rad
+        } else {
+            found_rad
+        };
     }
 
     /// Measures a cluster; what it was divided from is for the caller.

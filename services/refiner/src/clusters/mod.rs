@@ -132,9 +132,10 @@ impl ClusterFinder {
         }
     }
 
-    /// The ground of a frame.
+    /// The ground of a frame, and how far apart its beams are.
     pub(crate) fn find_ground(&mut self, frame: &FrameIndex) {
         self.ground.find_under(frame.lowest());
+        self.measurer.look(frame.points());
     }
 
     /// The clusters of all components that have points in one of these tiles: the same as of the whole frame, whose ground is found.
