@@ -36,7 +36,7 @@ impl Consumer {
         log_to_stderr("consumer", "info");
         let instance = Instance::from_environment()?;
         let shell = Shell::observer(&instance, None, Shutdown::on_signals()?)?;
-        let scans = Scans::held(&shell)?;
+        let scans = Scans::open(&shell, true)?;
         Ok(Consumer {
             frame: None,
             frames: Frames::new(&shell, &Topic::OBJECTS, Some(scans))?,

@@ -38,7 +38,7 @@ impl Refiner {
         let mut shell = Shell::stage(&instance, Stage::Refiner, Shutdown::on_signals()?)?;
         let objects = shell.output(&Topic::OBJECTS, OBJECTS_MAX)?;
         let object_points = shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?;
-        let scans = Scans::held(&shell)?;
+        let scans = Scans::open(&shell, true)?;
         let frames = Frames::new(&shell, &Topic::DETECTIONS, Some(scans))?;
         shell.state(HealthState::WaitingInput, "waiting for detections")?;
         Ok(Refiner {

@@ -34,7 +34,7 @@ struct Others {
 
 impl Others {
     fn new(instance: &Instance) -> Others {
-        let mut shell = Shell::observer(instance, None, Shutdown::manual()).unwrap();
+        let mut shell = Shell::observer(instance, None, Shutdown::default()).unwrap();
         assert!(shell.begin_run(&description(1)).unwrap());
         Others {
             points: shell.output(&Topic::POINTS, 100).unwrap(),

@@ -31,12 +31,6 @@ pub struct Epilogue<'a> {
 }
 
 impl Epilogue<'_> {
-    /// No bias, then ReLU.
-    pub const RELU: Epilogue<'static> = Epilogue {
-        bias: None,
-        relu: true,
-    };
-
     /// Panics when a bias is not of so many channels.
     fn check(&self, cout: usize) {
         let fits = self.bias.is_none_or(|bias| bias.len() == cout);

@@ -309,7 +309,8 @@ fn not_a_number_stays_visible() {
     let weights = Weights::pack(1, 1, 16, &[1.0; 16]);
     let mut output = [0.0; 16];
     let gather = Gather::new(1, vec![0]);
-    let epilogue = Epilogue::RELU;
+    let (bias, relu) = (None, true);
+    let epilogue = Epilogue { bias, relu };
     convolve(&[f32::NAN], &gather, &weights, epilogue, None, &mut output);
     assert!(output.iter().all(|y| y.is_nan()));
 }

@@ -162,7 +162,7 @@ impl Setting {
     /// One that looks on.
     pub fn observer(&self) -> Shell {
         let instance = Instance::new(&self.instance).expect("a name");
-        Shell::observer(&instance, None, Shutdown::manual()).expect("it runs")
+        Shell::observer(&instance, None, Shutdown::default()).expect("it runs")
     }
 
     /// `mluc replay` of a recording with options as on a command line, to its end.

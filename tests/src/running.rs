@@ -253,7 +253,7 @@ impl Running {
         mut is_right: impl FnMut(&HealthWatch) -> bool,
     ) {
         let instance = Instance::new(instance).expect("a name");
-        let shell = Shell::observer(&instance, None, Shutdown::manual()).expect("it runs");
+        let shell = Shell::observer(&instance, None, Shutdown::default()).expect("it runs");
         let mut watch = shell.health_watch().expect("it runs");
         self.wait_until(what, |_| {
             watch.update().expect("it runs");

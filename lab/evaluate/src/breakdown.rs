@@ -2,7 +2,7 @@
 //!
 //! A label counts in its own bin alone; elsewhere it may be found or not. A detection that finds no label is wrong in its own bin alone.
 
-use crate::curve::{Curve, FrameCurve};
+use crate::curve::Curve;
 use crate::matching::{InBin, match_frame};
 use crate::report::{ApEntry, render};
 use crate::rings::FrameRings;
@@ -96,7 +96,7 @@ impl Breakdown {
                 let bin = InBin { labels, detections };
                 match_frame(frame, rule, Metric::Space, Difficulty::Hard, Some(&bin))
             };
-            let parts: Vec<FrameCurve> = frames.par_iter().zip(binned).map(matched).collect();
+            let parts: Vec<Curve> = frames.par_iter().zip(binned).map(matched).collect();
             ApEntry::of(&Curve::of(&parts))
         };
         let class = |rule: &ClassRule| {

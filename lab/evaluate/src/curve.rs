@@ -41,36 +41,24 @@ pub fn harmonic_mean(known: f64, unknown: f64) -> f64 {
     if known + unknown > 0.0 { mean } else { 0.0 }
 }
 
-/// Hits and false alarms of one frame, as a function of the threshold. Frames are matched one by one, so the curve of
-/// any choice of frames, with repeats too, is made of their parts.
+/// Hits and false alarms as a function of the threshold: of one frame, or of all that [`Curve::of`] puts together. Frames
+/// are matched one by one, so the curve of any choice of frames, with repeats too, is made of their parts.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct FrameCurve {
-    /// Labels that count.
-    pub(crate) truth_count: usize,
-    /// Labels that count and that no detection overlaps enough.
-    pub(crate) missed_count: usize,
-    /// Scores of the hits when every detection takes part.
-    pub(crate) hit_scores: Vec<f64>,
-    /// Score, and what changes there: hits and false alarms.
-    pub(crate) steps: Vec<(f64, i64, i64)>,
-}
-
-/// Hits and false alarms over all frames, as a function of the threshold.
-#[derive(Clone, Debug, Default)]
 pub(crate) struct Curve {
     /// Labels that count.
     pub(crate) truth_count: usize,
     /// Labels that count and that no detection overlaps enough, whatever its score.
     pub(crate) missed_count: usize,
-    /// Scores of the hits when every detection takes part; from high to low once finished.
-    hit_scores: Vec<f64>,
-    /// Score, and hits and false alarms of everything at or above it, from high to low once finished.
-    steps: Vec<(f64, i64, i64)>,
+    /// Scores of the hits when every detection takes part; from high to low over all frames.
+    pub(crate) hit_scores: Vec<f64>,
+    /// Of one frame: score, and what changes there: hits and false alarms. Over all frames: score, and hits and false alarms
+    /// of everything at or above it, from high to low.
+    pub(crate) steps: Vec<(f64, i64, i64)>,
 }
 
 impl Curve {
     /// Of frames that were matched one by one; one that is named twice counts twice.
-    pub(crate) fn of<'a>(frames: impl IntoIterator<Item = &'a FrameCurve>) -> Curve {
+    pub(crate) fn of<'a>(frames: impl IntoIterator<Item = &'a Curve>) -> Curve {
         let mut curve = Curve::default();
         for frame in frames {
             curve.truth_count += frame.truth_count;

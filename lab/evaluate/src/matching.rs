@@ -7,7 +7,7 @@
 //! Terms: a label or detection is *valid* when it counts, *ignored* when it may take part in a match that then counts neither way (too small, too occluded, a
 //! neighbour class). Labels keep file order; a match needs an overlap strictly above the class' least one.
 
-use crate::curve::{Curve, FrameCurve};
+use crate::curve::Curve;
 use crate::frame::score_of;
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric};
 use mluc_geometry::{iou_2d, iou_3d, iou_bev, overlap_of_first_2d};
@@ -44,7 +44,7 @@ pub(crate) fn match_frames(
     difficulty: Difficulty,
 ) -> Curve {
     let matched = |frame| match_frame(frame, rule, metric, difficulty, None);
-    let parts: Vec<FrameCurve> = frames.iter().map(matched).collect();
+    let parts: Vec<Curve> = frames.iter().map(matched).collect();
     Curve::of(&parts)
 }
 
@@ -55,11 +55,11 @@ pub(crate) fn match_frame(
     metric: Metric,
     difficulty: Difficulty,
     bin: Option<&InBin>,
-) -> FrameCurve {
+) -> Curve {
     let (truths, candidates) = prepare(frame, rule, metric, difficulty, bin);
-    let mut curve = FrameCurve {
+    let mut curve = Curve {
         truth_count: truths.iter().filter(|truth| truth.valid).count(),
-        ..FrameCurve::default()
+        ..Curve::default()
     };
     match_by_score(&truths, &candidates, &mut curve);
     collect_steps(&truths, &candidates, &mut curve);
@@ -141,7 +141,7 @@ fn take(
 }
 
 /// First pass: no threshold, the highest score wins.
-fn match_by_score(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCurve) {
+fn match_by_score(truths: &[Truth], candidates: &[Candidate], curve: &mut Curve) {
     let score = |near: &(usize, f64)| candidates[near.0].score;
     let better = |a: &_, b: &_| score(a) > score(b);
     let found = take(truths, candidates, f64::NEG_INFINITY, better);
@@ -155,7 +155,7 @@ fn match_by_score(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameC
 }
 
 /// The frame's counts as a function of the threshold: a step at each score where they change.
-fn collect_steps(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCurve) {
+fn collect_steps(truths: &[Truth], candidates: &[Candidate], curve: &mut Curve) {
     let mut order: Vec<usize> = (0..candidates.len()).collect();
     order.sort_by(|&a, &b| candidates[b].score.total_cmp(&candidates[a].score));
     let is_alarm = |c: &Candidate| c.valid && !c.is_excused;

@@ -1,7 +1,7 @@
 //! The open-set figures of any choice of frames (paper, section 4.1): mAP of the known, AP and recall of the unknown,
 //! their harmonic mean, and how many unknown objects were taken for known ones (absolute open-set error; Dhamija et al., WACV 2020).
 
-use crate::curve::{Curve, FrameCurve};
+use crate::curve::Curve;
 use crate::{AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind};
 use crate::{frame::score_of, matching::match_frame};
 use mluc_dataset::Label;
@@ -76,8 +76,8 @@ impl OpenSetFigures {
 /// One frame's part of every figure.
 #[derive(Clone, Debug, Default)]
 struct FrameParts {
-    known: Vec<FrameCurve>,
-    unknown: Vec<FrameCurve>,
+    known: Vec<Curve>,
+    unknown: Vec<Curve>,
     unknown_as_known: usize,
 }
 

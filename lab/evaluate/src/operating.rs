@@ -7,7 +7,7 @@
 //! control: the upper 95 % bound of the false objects a scan, not their number, stays below a limit. How far a score, or the probability that the model makes
 //! of it, can be read as one: of the objects in each tenth, the share that lies on a label of their kind. [`Operating::probabilities`] makes a model's table.
 
-use crate::curve::{Curve, FrameCurve};
+use crate::curve::Curve;
 use crate::matching::{in_dont_care, match_frame};
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind, UNKNOWN};
 use crate::{breakdown::range_m, frame::score_of, report::render};
@@ -73,7 +73,7 @@ impl Judged {
 #[derive(Clone, Debug)]
 struct FrameOutcome {
     objects: Vec<Judged>,
-    curves: Vec<(ObjectKind, FrameCurve)>,
+    curves: Vec<(ObjectKind, Curve)>,
 }
 
 /// Scans of one or more drives, judged.

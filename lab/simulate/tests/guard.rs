@@ -102,13 +102,9 @@ fn each(change: impl Fn(&mut Point) + 'static) -> Change {
     })
 }
 
-fn keep(holds: impl Fn(usize, &Point) -> bool + 'static) -> Change {
+fn keep(holds: impl Fn(&Point) -> bool + 'static) -> Change {
     Box::new(move |scan| {
-        let mut number = 0;
-        scan.retain(|point| {
-            number += 1;
-            holds(number, point)
-        });
+        scan.retain(&holds);
         0
     })
 }
@@ -144,11 +140,8 @@ fn faults(set: &Set) -> Vec<(&'static str, Change, bool)> {
     });
     let losing: Change = Box::new(|scan| {
         let all = scan.len();
-        let mut number = 0;
-        scan.retain(|_| {
-            number += 1;
-            number % 10 > 2
-        });
+        let left = scan.chunks(10).flat_map(|ten| ten.iter().skip(3));
+        *scan = left.copied().collect();
         (all - scan.len()) as u32
     });
     let ahead = |p: &Point| (-0.5..1.594).contains(&p.y_m.atan2(p.x_m));
@@ -161,7 +154,7 @@ fn faults(set: &Set) -> Vec<(&'static str, Change, bool)> {
     add("x and y swapped", swapped, false);
     let turned = each(|p| (p.y_m, p.z_m) = (-p.z_m, p.y_m));
     add("turned by 90 degrees about x", turned, true);
-    let half = keep(move |_, p| beam(p) % 2 == 0);
+    let half = keep(move |p| beam(p) % 2 == 0);
     add("half of the beams", half, are_clear);
     add("all points twice", twice, true);
     let [low, high] = [0.05, 5.0].map(|above_m| lift(above_m - height_m));
@@ -170,8 +163,8 @@ fn faults(set: &Set) -> Vec<(&'static str, Change, bool)> {
     add("tilted by 10 degrees", tilted, true);
     add("30 % NaN", losing, true);
     add("all zeros", each(|p| *p = Point::default()), true);
-    add("120 degrees missing", keep(move |_, p| !ahead(p)), true);
-    add("cut at 15 m", keep(|_, p| p.x_m.hypot(p.y_m) < 15.0), true);
+    add("120 degrees missing", keep(move |p| !ahead(p)), true);
+    add("cut at 15 m", keep(|p| p.x_m.hypot(p.y_m) < 15.0), true);
     add("intensity 0 to 255", each(|p| p.intensity *= 255.0), true);
     faults
 }

@@ -10,19 +10,6 @@ use crate::pool::Pool;
 impl Chain {
     /// Adds the gradients of every parameter to those of `pool`.
     pub fn backward(&self, input: &StepInput, pass: &Pass, outputs: &Outputs, pool: &mut Pool) {
-        let map = self.backward_map(input, pass, outputs, pool);
-        self.backward_sparse(input, pass, &map, pool);
-        pool.give(map);
-    }
-
-    /// The first part of [`Chain::backward`]: heads, ups, blocks. Returns the gradient of the map's rows.
-    pub fn backward_map(
-        &self,
-        input: &StepInput,
-        pass: &Pass,
-        outputs: &Outputs,
-        pool: &mut Pool,
-    ) -> Vec<f32> {
         let [up1, up2] = self.backward_heads(input, pass, outputs, pool);
         let (p, map) = (input.parameters, &input.plan.map);
         let (middle, half) = (last(&pass.block1), last(&pass.block2));
@@ -35,7 +22,9 @@ impl Chain {
         add(&mut gradient, &from_block2);
         pool.give(from_block2);
         let (done, plans) = (&pass.block1, &map.block1);
-        backward_all(&self.block1, p, &pass.map, done, plans, gradient, pool)
+        let map = backward_all(&self.block1, p, &pass.map, done, plans, gradient, pool);
+        self.backward_sparse(input, pass, &map, pool);
+        pool.give(map);
     }
 
     /// Gradients of up 1's and up 2's rows.
@@ -76,7 +65,7 @@ impl Chain {
     }
 
     /// The second part of [`Chain::backward`], from the gradient of the map's rows: sparse layers.
-    pub fn backward_sparse(&self, input: &StepInput, pass: &Pass, map: &[f32], pool: &mut Pool) {
+    fn backward_sparse(&self, input: &StepInput, pass: &Pass, map: &[f32], pool: &mut Pool) {
         let plan = input.plan;
         let Some(output) = self.sparse.last() else {
             return;

@@ -200,11 +200,6 @@ impl PointEmbedding {
         loss
     }
 
-    /// The names of the tensors in a model's weights.
-    fn tensor_name(part: &str) -> String {
-        format!("{BASELINE}osis.{part}")
-    }
-
     /// Into a model's weights.
     pub fn write(&self, weights: &mut WeightSet) {
         let (layers, background, unknown) = self.parts();
@@ -213,14 +208,15 @@ impl PointEmbedding {
             ("background", vec![BACKGROUNDS, WIDTH], background),
             ("unknown", vec![1], &[unknown]),
         ] {
-            weights.insert(Self::tensor_name(part), shape, values.to_vec());
+            let name = format!("{BASELINE}osis.{part}");
+            weights.insert(name, shape, values.to_vec());
         }
     }
 
     /// From a model's weights; `None` where they are not there or of other sizes.
     pub fn read(weights: &WeightSet, channels: usize) -> Option<PointEmbedding> {
         let mut embedding = PointEmbedding::new(channels, 0);
-        let find = |part: &str| weights.find(&Self::tensor_name(part));
+        let find = |part: &str| weights.find(&format!("{BASELINE}osis.{part}"));
         let (layers, background, unknown) = (find("mlp")?, find("background")?, find("unknown")?);
         let fits = background.data.len() == BACKGROUNDS * WIDTH && unknown.data.len() == 1;
         let all = [&layers.data[..], &background.data, &unknown.data].concat();

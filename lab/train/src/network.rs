@@ -262,38 +262,26 @@ impl Chain {
 
     /// Runs the network.
     pub fn forward(&self, input: &StepInput, pool: &mut Pool) -> Pass {
-        let mut pass = self.forward_sparse(input, pool);
-        self.forward_map(input, &mut pass, pool);
-        pass
-    }
-
-    /// The first part of [`Chain::forward`]: sparse layers, and their rows put onto the map.
-    pub fn forward_sparse(&self, input: &StepInput, pool: &mut Pool) -> Pass {
-        let StepInput {
-            parameters,
-            plan,
-            running,
-            ..
-        } = *input;
-        let (voxels, plans) = (&plan.sparse.voxels, &plan.sparse.layers);
-        let sparse = forward_all(&self.sparse, parameters, voxels, plans, running, pool);
-        Pass {
-            map: self.scatter(last(&sparse), &plan.map, pool),
+        let (p, running) = (input.parameters, input.running);
+        let (voxels, plans) = (&input.plan.sparse.voxels, &input.plan.sparse.layers);
+        let sparse = forward_all(&self.sparse, p, voxels, plans, running, pool);
+        let plan = &input.plan.map;
+        let map = self.scatter(last(&sparse), plan, pool);
+        let block1 = forward_all(&self.block1, p, &map, &plan.block1, running, pool);
+        let middle = last(&block1);
+        let block2 = forward_all(&self.block2, p, middle, &plan.block2, running, pool);
+        let half = last(&block2);
+        let mut pass = Pass {
+            up1: self.up1.forward(p, middle, &plan.ups[0], running, pool),
+            up2: self.up2.forward(p, half, &plan.ups[1], running, pool),
             sparse,
+            map,
+            block1,
+            block2,
             ..Pass::default()
-        }
-    }
-
-    /// The second part of [`Chain::forward`], from the map that the first left: blocks, ups, heads.
-    pub fn forward_map(&self, input: &StepInput, pass: &mut Pass, pool: &mut Pool) {
-        let (p, map, running) = (input.parameters, &input.plan.map, input.running);
-        pass.block1 = forward_all(&self.block1, p, &pass.map, &map.block1, running, pool);
-        let middle = last(&pass.block1);
-        pass.block2 = forward_all(&self.block2, p, middle, &map.block2, running, pool);
-        let half = last(&pass.block2);
-        pass.up1 = self.up1.forward(p, middle, &map.ups[0], running, pool);
-        pass.up2 = self.up2.forward(p, half, &map.ups[1], running, pool);
-        self.run_heads(input, pass);
+        };
+        self.run_heads(input, &mut pass);
+        pass
     }
 
     /// Sparse rows onto the map: channel = c * depth + z.

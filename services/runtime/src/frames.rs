@@ -51,7 +51,7 @@ impl<T: Payload> Frames<T> {
             let (Some(scans), Some(run)) = (scans.as_mut(), run) else {
                 return Ok(None);
             };
-            scans.take(run)?;
+            scans.take(run, |_| ())?;
             let done = match last {
                 (run_id, Some(last)) if run_id == run.run_id => last + 1,
                 _ => 0,
@@ -87,7 +87,7 @@ impl<T: Payload> Frames<T> {
         }
         let mut sent = header.sequence.saturating_add(1);
         if let Some(scans) = &mut self.scans {
-            scans.take(run)?;
+            scans.take(run, |_| ())?;
             sent = scans.count_sent();
         }
         let sequences = self.last.unwrap_or(0)..sent;

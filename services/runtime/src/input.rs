@@ -68,14 +68,11 @@ impl<T: Payload> Input<T> {
 
     /// The newest message; older ones that wait are let go.
     pub fn newest(&mut self) -> Result<Option<Message<T>>> {
-        let mut newest = None;
+        let mut newest = self.take()?;
         // The older one is let go before the next is taken: a topic may allow one held message alone.
-        while newest.is_none() || self.has_more()? {
+        while newest.is_some() && self.has_more()? {
             drop(newest);
             newest = self.take()?;
-            if newest.is_none() {
-                break;
-            }
         }
         self.verified(newest)
     }

@@ -75,10 +75,9 @@ impl IpcNode {
         topic: &Topic,
         name: &str,
     ) -> Result<DataService<T>> {
-        let service_name = self.service_name(name)?;
-        let open = || {
+        let open = |name: &ServiceName| {
             self.node
-                .service_builder(&service_name)
+                .service_builder(name)
                 .publish_subscribe::<[T]>()
                 .user_header::<FrameHeader>()
                 .enable_safe_overflow(true)
@@ -95,11 +94,10 @@ impl IpcNode {
 
     /// Opens or makes the service that wakes a topic's consumers.
     pub(crate) fn open_wake(&self, topic: &Topic, name: &str) -> Result<WakeService> {
-        let service_name = self.service_name(name)?;
         // A killed producer's notifier keeps its place until it is cleaned: room for its successor.
-        let open = || {
+        let open = |name: &ServiceName| {
             self.node
-                .service_builder(&service_name)
+                .service_builder(name)
                 .event()
                 .max_notifiers(4)
                 .max_listeners(topic.subscribers_max)
@@ -110,21 +108,19 @@ impl IpcNode {
         self.retried(name, open, |_| false)
     }
 
-    fn service_name(&self, name: &str) -> Result<ServiceName> {
-        ServiceName::new(&format!("mluc/{name}"))
-            .map_err(|e| RuntimeError::topic(self.instance.name(), name, format!("{e:?}")))
-    }
-
     /// Other processes make and remove services at the same time: all but lasting errors get more tries.
     fn retried<S, E: Debug>(
         &self,
         name: &str,
-        open: impl Fn() -> std::result::Result<S, E>,
+        open: impl Fn(&ServiceName) -> std::result::Result<S, E>,
         is_lasting: impl Fn(&E) -> bool,
     ) -> Result<S> {
+        let failed = |cause: String| RuntimeError::topic(self.instance.name(), name, cause);
+        let service_name = ServiceName::new(&format!("mluc/{name}"));
+        let service_name = service_name.map_err(|e| failed(format!("{e:?}")))?;
         let begun = Instant::now();
         loop {
-            let (error, hint) = match open() {
+            let (error, hint) = match open(&service_name) {
                 Ok(service) => return Ok(service),
                 Err(error) if is_lasting(&error) => (
                     error,
@@ -141,8 +137,7 @@ impl IpcNode {
                     continue;
                 }
             };
-            let cause = format!("{error:?}: {hint}");
-            return Err(RuntimeError::topic(self.instance.name(), name, cause));
+            return Err(failed(format!("{error:?}: {hint}")));
         }
     }
 }

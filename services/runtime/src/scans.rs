@@ -25,19 +25,11 @@ pub struct Scans {
 }
 
 impl Scans {
-    /// Holds what ingest sends.
-    pub fn held(shell: &Shell) -> Result<Scans> {
-        Scans::open(shell, KEPT)
-    }
-
-    /// Counts what ingest sends, and lets it go.
-    pub fn sent(shell: &Shell) -> Result<Scans> {
-        Scans::open(shell, 0)
-    }
-
-    fn open(shell: &Shell, kept: usize) -> Result<Scans> {
+    /// Counts what ingest sends; `holds`: and keeps the last ones.
+    pub fn open(shell: &Shell, holds: bool) -> Result<Scans> {
+        let kept = if holds { KEPT } else { 0 };
         Ok(Scans {
-            input: shell.open_input(&Topic::POINTS, kept > 0)?,
+            input: shell.open_input(&Topic::POINTS, holds)?,
             ahead: None,
             held: VecDeque::with_capacity(kept + 1),
             kept,
@@ -46,13 +38,8 @@ impl Scans {
         })
     }
 
-    /// Takes the scans of a run that arrived.
-    pub fn take(&mut self, run: &RunDescription) -> Result<()> {
-        self.take_with(run, |_| ())
-    }
-
-    /// The same, and shows each of them.
-    pub fn take_with(
+    /// Takes the scans of a run that arrived, and shows each of them.
+    pub fn take(
         &mut self,
         run: &RunDescription,
         mut show: impl FnMut(&Message<Point>),

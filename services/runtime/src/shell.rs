@@ -123,7 +123,7 @@ impl Shell {
     /// Removes what processes that were killed left, where others of the instance are alive. iceoryx2's cleaning may hang: for a
     /// process of its own, which can be killed.
     pub fn remove_dead(instance: &Instance) -> Result<()> {
-        Shell::join(instance, None, true, Shutdown::manual()).map(drop)
+        Shell::join(instance, None, true, Shutdown::default()).map(drop)
     }
 
     /// Whether a killed process left ports in the instance.

@@ -8,7 +8,7 @@ use signal_hook::flag;
 
 use crate::{RuntimeError, error::Result};
 
-/// Whether this process was asked to end. Clones share the flag.
+/// Whether this process was asked to end. Clones share the flag. The default: one that only [`Shutdown::request`] sets.
 #[derive(Clone, Debug, Default)]
 pub struct Shutdown(Arc<AtomicBool>);
 
@@ -21,11 +21,6 @@ impl Shutdown {
             flag::register(signal, shutdown.0.clone()).map_err(failed)?;
         }
         Ok(shutdown)
-    }
-
-    /// A flag that only [`Shutdown::request`] sets, for tests.
-    pub fn manual() -> Shutdown {
-        Shutdown::default()
     }
 
     /// Asks this process to end.

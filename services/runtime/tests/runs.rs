@@ -23,11 +23,11 @@ fn instance(label: &str) -> Instance {
 }
 
 fn observer(instance: &Instance) -> Shell {
-    Shell::observer(instance, None, Shutdown::manual()).unwrap()
+    Shell::observer(instance, None, Shutdown::default()).unwrap()
 }
 
 fn stage(instance: &Instance, stage: Stage) -> Shell {
-    Shell::stage(instance, stage, Shutdown::manual()).unwrap()
+    Shell::stage(instance, stage, Shutdown::default()).unwrap()
 }
 
 fn description() -> RunDescription {
@@ -89,7 +89,7 @@ impl Others {
 }
 
 fn frames<T: Payload>(shell: &Shell, topic: &Topic) -> Frames<T> {
-    let scans = Scans::sent(shell).unwrap();
+    let scans = Scans::open(shell, false).unwrap();
     Frames::new(shell, topic, Some(scans)).unwrap()
 }
 
@@ -111,7 +111,7 @@ fn a_scan_is_shown_ahead_of_its_frame_once_and_not_before_one_that_is_on_its_way
     let instance = instance("ahead");
     let mut others = Others::new(&instance);
     let mut refiner = stage(&instance, Stage::Refiner);
-    let scans = Scans::held(&refiner).unwrap();
+    let scans = Scans::open(&refiner, true).unwrap();
     let mut frames = Frames::<Detection>::new(&refiner, &Topic::DETECTIONS, Some(scans)).unwrap();
     let mut look = |frame: Option<u64>| {
         let mut shown = vec![];

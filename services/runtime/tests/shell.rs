@@ -10,7 +10,7 @@ fn instance(label: &str) -> Instance {
 }
 
 fn stage(instance: &Instance, stage: Stage) -> Shell {
-    let mut shell = Shell::stage(instance, stage, Shutdown::manual()).unwrap();
+    let mut shell = Shell::stage(instance, stage, Shutdown::default()).unwrap();
     shell.verify_mapping = true;
     shell
 }
@@ -112,7 +112,7 @@ fn blocks_of_64_bytes_keep_their_alignment() {
 #[test]
 fn waiting_wakes_up_says_why_and_ends_on_request() {
     let instance = instance("wait");
-    let shutdown = Shutdown::manual();
+    let shutdown = Shutdown::default();
     let mut consumer = Shell::stage(&instance, Stage::Backbone, shutdown.clone()).unwrap();
     let mut input = consumer.input::<Point>(&Topic::POINTS).unwrap();
     let mut watch = consumer.health_watch().unwrap();

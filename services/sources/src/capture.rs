@@ -142,12 +142,8 @@ mod tests {
     }
 
     fn load(scans: &mut CaptureScans, sequence: u64, repeat: bool, scan: &mut Scan) -> Next {
-        loop {
-            match scans.load(sequence, repeat, scan).unwrap() {
-                Next::NotYet => (),
-                next => return next,
-            }
-        }
+        let mut loads = std::iter::repeat_with(|| scans.load(sequence, repeat, scan).unwrap());
+        loads.find(|next| *next != Next::NotYet).unwrap()
     }
 
     #[test]

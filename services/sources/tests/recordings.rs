@@ -24,12 +24,8 @@ fn open(path: &Path, topic: Option<&str>, repeat: bool) -> Result<Source, String
 }
 
 fn load(source: &mut Source, sequence: u64, scan: &mut Scan) -> Next {
-    loop {
-        match source.load(sequence, scan).unwrap() {
-            Next::NotYet => (),
-            next => return next,
-        }
-    }
+    let mut loads = std::iter::repeat_with(|| source.load(sequence, scan).unwrap());
+    loads.find(|next| *next != Next::NotYet).unwrap()
 }
 
 #[test]

@@ -56,7 +56,7 @@ impl Follower {
         health.update()?;
         status.update()?;
         Ok(Follower {
-            frames: Frames::new(&shell, &Topic::OBJECTS, Some(Scans::held(&shell)?))?,
+            frames: Frames::new(&shell, &Topic::OBJECTS, Some(Scans::open(&shell, true)?))?,
             object_points: shell.side_input(&Topic::OBJECT_POINTS)?,
             indices: None,
             health,

@@ -3,7 +3,6 @@
 use super::mahalanobis::{Embedded, mahalanobis};
 use super::{DetectedFrame, box_of};
 use crate::{ClassRule, Difficulty, ObjectKind};
-use mluc_dataset::Label;
 use mluc_geometry::{Box3, iou_3d};
 use mluc_head::Detection;
 use serde::{Deserialize, Serialize};
@@ -87,19 +86,6 @@ struct JudgedBox<'a> {
     rule: Option<&'a ClassRule>,
 }
 
-/// Labels that count at moderate, in file order: upright box and rule.
-fn labels_that_count<'a>(
-    labels: &'a [Label],
-    rules: &'a [ClassRule],
-) -> impl Iterator<Item = (Box3, &'a ClassRule)> {
-    labels.iter().filter_map(|label| {
-        let is_of = |rule: &&ClassRule| rule.label_counts(label) == Some(true);
-        let rule = rules.iter().find(is_of)?;
-        let takes = Difficulty::Moderate.takes(label);
-        takes.then(|| (label.camera_box.upright(), rule))
-    })
-}
-
 fn judged_boxes<'a>(
     number: usize,
     frame: &'a DetectedFrame,
@@ -117,7 +103,13 @@ fn judged_boxes<'a>(
         detection,
         rule,
     };
-    for (label, rule) in labels_that_count(&frame.truth.labels, rules) {
+    // Labels that count at moderate, in file order.
+    for label in frame.truth.labels.iter() {
+        let counts = |rule: &&ClassRule| rule.counts_at(label, Difficulty::Moderate);
+        let Some(rule) = rules.iter().find(counts) else {
+            continue;
+        };
+        let label = label.camera_box.upright();
         let fits = |b: &Box3| iou_3d(b, &label) > rule.iou_min;
         let hit = (0..boxes.len()).find(|&i| !taken[i] && boxes[i].as_ref().is_some_and(fits));
         if let Some(i) = hit {

@@ -18,7 +18,9 @@ use clap::Subcommand;
 #[derive(Subcommand)]
 pub(crate) enum Command {
     Adapt(adapt::AdaptArguments),
-    Evaluate(evaluate::EvaluateArguments),
+    /// Judge detections against labels.
+    #[command(subcommand)]
+    Evaluate(evaluate::What),
     Export(export::ExportArguments),
     Import(import::ImportArguments),
     Quantize(quantize::QuantizeArguments),

@@ -6,7 +6,6 @@ use clap::Args;
 use mluc_dataset::{Dataset, read_boxes, read_scan};
 use mluc_evaluate::{SensorDetection, input::read_json_lines};
 use mluc_gateway::picture::{BoxKind, Canvas, DrawnBox, View, bird_eye, perspective};
-use mluc_ipc_types::ObjectKind;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -113,10 +112,7 @@ impl RenderArguments {
         let found = found.get(&title).into_iter().flatten();
         let found = found.map(|found| DrawnBox {
             box_in_sensor: found.box_in_sensor,
-            kind: match found.kind {
-                ObjectKind::Known => BoxKind::Known,
-                ObjectKind::Unknown => BoxKind::Unknown,
-            },
+            kind: [BoxKind::Known, BoxKind::Unknown][found.kind as usize],
             label: found.class.clone(),
             caption: format!("{} {:.2}", found.class, found.score),
         });

@@ -69,11 +69,6 @@ impl MethodRow {
         METHODS.iter().find(|row| row.key == key)
     }
 
-    /// The paper's figures in the setting that this one stands for (`sim-udi`; `sim-kitti` and `kitti`).
-    pub(crate) fn paper_figures(&self, setting: &str) -> Option<[f64; 3]> {
-        self.paper[usize::from(setting.ends_with("kitti"))]
-    }
-
     /// The rows on a kind of network of some seed.
     pub(crate) fn on(network: NetworkKind, seed: u64) -> impl Iterator<Item = &'static MethodRow> {
         let is_on = move |row: &&MethodRow| row.network == network && (seed == 1 || row.seeded);

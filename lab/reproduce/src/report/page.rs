@@ -18,11 +18,13 @@ pub(crate) fn page(report: &ReproductionReport, pictures: &[(String, String)]) -
 
 /// What is known of each row of a setting.
 fn cells(setting: &str, rows: &Rows) -> Vec<serde_json::Value> {
+    // The paper's setting that this one stands for (`sim-udi`; `sim-kitti` and `kitti`).
+    let papers = usize::from(setting.ends_with("kitti"));
     let cells = present(rows).map(|(row, figures)| {
         let mut cells = json!(figures);
         cells["title"] = json!(row.title);
         cells["ablation"] = json!(row.ablation);
-        cells["paper"] = json!(row.paper_figures(setting));
+        cells["paper"] = json!(row.paper[papers]);
         cells
     });
     cells.collect()

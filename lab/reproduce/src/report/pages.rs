@@ -59,10 +59,8 @@ impl DrawnScene {
             }
         };
         let labels = labels.iter().map(drawn(|_| BoxKind::Truth));
-        let boxes = boxes.iter().map(drawn(|kind| match kind {
-            ObjectKind::Known => BoxKind::Known,
-            ObjectKind::Unknown => BoxKind::Unknown,
-        }));
+        let of_kind = |kind| [BoxKind::Known, BoxKind::Unknown][kind as usize];
+        let boxes = boxes.iter().map(drawn(of_kind));
         let drawn: Vec<DrawnBox> = labels.chain(boxes).collect();
         let picture = bird_eye(bytemuck::cast_slice(&self.points), &drawn, &view);
         (text.to_owned(), picture)

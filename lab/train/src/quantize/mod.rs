@@ -28,12 +28,6 @@ pub fn evenly(names: &[String], count: usize) -> Vec<String> {
     places.map(|at| names[at].clone()).collect()
 }
 
-/// The points of a frame, as the stages see them.
-fn read_points(dataset: &Dataset, name: &str) -> Result<Vec<[f32; 4]>, TrainError> {
-    let points = scan_points(dataset, name)?;
-    Ok(bytemuck::cast_slice(&points).to_vec())
-}
-
 /// Ranges from `frames` of a data set. `describe`: how they were picked, for the model's provenance. `step` is called after each.
 pub fn calibrate(
     model: &Model,
@@ -45,7 +39,9 @@ pub fn calibrate(
     let mut manifest = model.manifest.clone();
     let scans = frames.iter().map(|name| {
         step();
-        read_points(dataset, name)
+        // As the stages see them.
+        let points = scan_points(dataset, name)?;
+        Ok::<Vec<[f32; 4]>, TrainError>(bytemuck::cast_slice(&points).to_vec())
     });
     let weights = measure_ranges(&manifest, &model.weights, scans)?;
     manifest.provenance.calibration =

@@ -120,14 +120,9 @@ fn describe(object: &Object, classes: &[String]) -> String {
 
 fn drawn(object: &Object, classes: &[String]) -> DrawnBox {
     let label = label(object, classes);
-    let kind = if is_unknown(object) {
-        BoxKind::Unknown
-    } else {
-        BoxKind::Known
-    };
     DrawnBox {
         box_in_sensor: Box3::from_f32(object.center_m, object.size_m, object.yaw_rad),
-        kind,
+        kind: [BoxKind::Known, BoxKind::Unknown][usize::from(is_unknown(object))],
         label: label.to_lowercase(),
         caption: format!("{label} {:.2}", object.score),
     }

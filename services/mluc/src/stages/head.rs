@@ -27,7 +27,7 @@ pub(crate) fn run(shell: &mut Shell, model: &Model) -> anyhow::Result<()> {
         detections: Vec::with_capacity(DETECTIONS_MAX),
     };
     let output = shell.output(&Topic::DETECTIONS, DETECTIONS_MAX)?;
-    let frames = Frames::new(shell, &Topic::FEATURES, Some(Scans::sent(shell)?))?;
+    let frames = Frames::new(shell, &Topic::FEATURES, Some(Scans::open(shell, false)?))?;
     Ok(run_stage(shell, frames, output, stage)?)
 }
 

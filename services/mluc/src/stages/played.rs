@@ -46,7 +46,7 @@ pub(super) fn run(
         }
         _ => {
             let output = shell.output(&Topic::DETECTIONS, DETECTIONS_MAX)?;
-            let frames = Frames::new(shell, &Topic::FEATURES, Some(Scans::sent(shell)?))?;
+            let frames = Frames::new(shell, &Topic::FEATURES, Some(Scans::open(shell, false)?))?;
             let played =
                 Played::<FeatureBlock, Detection, { Stage::Head as usize }>::new(recorded, shard);
             run_stage(shell, frames, output, played)

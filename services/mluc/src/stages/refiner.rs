@@ -38,7 +38,7 @@ pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyh
         limits_ns: settings.budget_ms.map(|ms| (time_max_ns, ms * 1_000_000)),
     };
     let output = shell.output(&Topic::OBJECTS, OBJECTS_MAX)?;
-    let frames = Frames::new(shell, &Topic::DETECTIONS, Some(Scans::held(shell)?))?;
+    let frames = Frames::new(shell, &Topic::DETECTIONS, Some(Scans::open(shell, true)?))?;
     Ok(run_stage(shell, frames, output, stage)?)
 }
 

@@ -172,11 +172,7 @@ pub(crate) fn run(
     let status = StatusWriter::open(&mut shell, &settings, sensor.as_ref())?;
     let mut supervisor = Supervisor {
         run,
-        scans: if sink.needs_points() {
-            Scans::held(&shell)?
-        } else {
-            Scans::sent(&shell)?
-        },
+        scans: Scans::open(&shell, sink.needs_points())?,
         objects: shell.input::<Object>(&Topic::OBJECTS)?,
         health: shell.health_watch()?,
         status,
@@ -309,7 +305,7 @@ impl Supervisor {
 
     fn take_scans(&mut self) -> anyhow::Result<()> {
         let (status, run) = (&mut self.status, &self.run);
-        self.scans.take_with(run, |scan| status.see(run, scan))?;
+        self.scans.take(run, |scan| status.see(run, scan))?;
         self.outcome.frames_in = self.outcome.frames_in.max(self.scans.count_sent());
         Ok(())
     }

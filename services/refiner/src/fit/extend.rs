@@ -26,13 +26,6 @@ pub struct Extend {
 }
 
 impl Extend {
-    /// Down to the ground, and nothing else.
-    pub const TO_GROUND: Extend = Extend {
-        to_ground: true,
-        completes: false,
-        top_rad: None,
-    };
-
     pub(crate) fn of(settings: &Settings, sensor: &Sensor) -> Extend {
         let beams = sensor.beams.as_ref();
         let top_rad = beams.and_then(|beams| beams.elevation_rad.first());
@@ -159,8 +152,9 @@ mod tests {
     use mluc_geometry::ground::GROUND_NODES;
 
     const EXTEND: Extend = Extend {
+        to_ground: true,
         completes: true,
-        ..Extend::TO_GROUND
+        top_rad: None,
     };
 
     /// The box around points of places, m, `x_m` away from the sensor and on ground 1.7 m below it.

@@ -146,6 +146,7 @@ enum Family {
 /// Packets of one sensor to revolutions; see the [module](self).
 pub struct Decoder {
     family: Family,
+    /// The sensor's address and the port that it sends to.
     sensor: (IpAddr, u16),
     sweep: Sweep,
 }
@@ -221,11 +222,6 @@ impl Decoder {
             Family::Hesai(hesai) => &hesai.name,
             Family::Ouster(metadata) => &metadata.product,
         }
-    }
-
-    /// The sensor's address and the port that it sends to.
-    pub fn sensor(&self) -> (IpAddr, u16) {
-        self.sensor
     }
 
     /// Decodes a datagram; `on` gets the revolutions that end in it (none, or one).

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// The open-set figures are of volumes (3d) at moderate; map_known is the mean over the known classes that have labels.
 /// `evaluate operating` says what objects lie on.
 #[derive(Args)]
-pub(super) struct ApArguments {
+pub(crate) struct ApArguments {
     #[command(flatten)]
     compared: Compared,
     /// Folder of scans (velodyne), for AP by the rings on the object; needs --calib.

@@ -8,27 +8,20 @@ mod report;
 
 use crate::commands::terminal::print_err;
 use anyhow::ensure;
-use clap::{Args, Subcommand};
+use clap::Subcommand;
 use mluc_dataset::{Label, unseen_classes};
 use mluc_evaluate::{ClassRule, unrecognized};
 use std::collections::BTreeSet;
 
-/// Judge detections against labels.
-#[derive(Args)]
-pub(crate) struct EvaluateArguments {
-    #[command(subcommand)]
-    what: What,
-}
-
 #[derive(Subcommand)]
-enum What {
+pub(crate) enum What {
     Ap(ap::ApArguments),
     Operating(operating::OperatingArguments),
     Model(model::ModelArguments),
 }
 
-pub(crate) fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
-    match arguments.what {
+pub(crate) fn run(what: What) -> anyhow::Result<()> {
+    match what {
         What::Ap(arguments) => ap::run(arguments),
         What::Operating(arguments) => operating::run(arguments),
         What::Model(arguments) => model::run(arguments),

@@ -20,7 +20,7 @@ use std::path::PathBuf;
 /// 0.5); unknown objects at 0.1. All figures are of volumes (3d) at moderate. Printed: each class without the gate (closed set) and at the model's threshold;
 /// how well each score of a box tells unknown from known; AP by range and by the sensor's rings on the object. --sweep tries many thresholds of the gate.
 #[derive(Args)]
-pub(super) struct ModelArguments {
+pub(crate) struct ModelArguments {
     /// Model file.
     #[arg(long, value_name = "FILE")]
     model: PathBuf,

@@ -14,7 +14,7 @@ use mluc_evaluate::{Breakdown, ClassRule, Operating, Tracks, UnknownProtocol};
 /// `at most N`: the lowest score that leaves at most N objects a scan on no label on these very scans. The curve goes down to what is in
 /// the detections: `mluc up --profile all` publishes everything. With `mluc up --track` tracks are counted too: one is one alarm.
 #[derive(Args)]
-pub(super) struct OperatingArguments {
+pub(crate) struct OperatingArguments {
     #[command(flatten)]
     compared: Compared,
     /// Print JSON.
