@@ -154,7 +154,7 @@ impl Takes {
         };
         Takes {
             beams: range(beams, 0.6, 1.6),
-            height_m: [(height_m - 0.5).max(0.05), height_m + 0.5],
+            height_m: [(height_m - 0.5).max(0.05), (height_m + 0.5).min(10.0)],
             tilt_max_deg: 7.0,
             points: range(returns, 0.1, 2.0),
         }

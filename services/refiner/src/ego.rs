@@ -60,6 +60,8 @@ pub struct EgoEstimator {
     last: Option<Taken>,
     /// Of one scan, from the last match.
     step: Option<Isometry2<f64>>,
+    /// The last scan did not match.
+    has_missed: bool,
 }
 
 impl Default for EgoEstimator {
@@ -71,12 +73,13 @@ impl Default for EgoEstimator {
             earlier_taken: None,
             last: None,
             step: None,
+            has_missed: false,
         }
     }
 }
 
 impl EgoEstimator {
-    /// Where the sensor is, in a frame that stands still while scans match; later scans are laid over one that does not. Of a frame without its scan, and of one
+    /// Where the sensor is, in a frame that stands still while scans match; later scans are laid over the second in a row that does not. Of a frame without its scan, and of one
     /// that does not match after one that did, the motion is taken to go on. None for the first scan, and for the second in a row that does not match.
     pub fn estimate(&mut self, header: &FrameHeader, scan: Option<&FrameIndex>) -> Option<EgoPose> {
         let (run, sequence) = (header.run_id, header.sequence);
@@ -99,15 +102,22 @@ impl EgoEstimator {
             _ => None,
         };
         let Some((last, gap, earlier, pose)) = found else {
-            let step = gap.and(self.step.take());
-            let pose = step.map(|step| after(&step));
-            self.begin(Taken {
+            let mut taken = Taken {
                 run,
                 sequence,
-                pose: pose.unwrap_or_default(),
-            });
-            return pose.as_ref().map(told);
+                pose: Isometry2::identity(),
+            };
+            let is_second = std::mem::replace(&mut self.has_missed, true);
+            if let (Some(step), false) = (gap.and(self.step), is_second) {
+                taken.pose = after(&step);
+                self.last = Some(taken);
+                return Some(told(&taken.pose));
+            }
+            self.step = None;
+            self.begin(taken);
+            return None;
         };
+        self.has_missed = false;
         self.step =
             Some(Isometry2::identity().lerp_slerp(&(last.pose.inverse() * pose), 1.0 / gap));
         let taken = Taken {
@@ -309,14 +319,15 @@ mod tests {
             estimator.estimate(&header(7, 30), Some(&empty)).is_some(),
             "the motion goes on"
         );
-        assert!(
-            estimator.estimate(&header(7, 31), Some(&scan)).is_none(),
-            "twice is once too often"
-        );
-        assert!(estimator.estimate(&header(7, 32), Some(&scan)).is_some());
-        assert!(
-            estimator.estimate(&header(8, 33), Some(&scan)).is_none(),
-            "another run"
-        );
+        let mut is_told = |run, sequence, scan| {
+            estimator
+                .estimate(&header(run, sequence), Some(scan))
+                .is_some()
+        };
+        assert!(is_told(7, 31, &scan), "the scans before are still there");
+        let twice = [32, 33].map(|sequence| is_told(7, sequence, &empty));
+        assert_eq!(twice, [true, false], "twice is once too often");
+        assert!(!is_told(7, 34, &scan) && is_told(7, 35, &scan));
+        assert!(!is_told(8, 36, &scan), "another run");
     }
 }

@@ -223,15 +223,20 @@ pub(crate) fn scan_files(folder: &Path, like: Option<&Path>) -> anyhow::Result<V
     Ok(scans)
 }
 
-/// A name that sorts as numbers count: 9 before 10.
+/// A name that sorts as numbers count: 9 before 10, and 1.25 before 1.5.
 pub(crate) fn in_order(scan: &Path) -> (String, PathBuf) {
     let name = scan.to_string_lossy();
     let words = name.split_inclusive(|c: char| !c.is_ascii_digit());
-    let words = words.map(|word| match word.find(|c: char| !c.is_ascii_digit()) {
-        Some(0) => word.to_string(),
-        end => {
-            let (digits, rest) = word.split_at(end.unwrap_or(word.len()));
+    let mut is_fraction = false;
+    let words = words.map(|word| {
+        let end = word.find(|c: char| !c.is_ascii_digit());
+        let (digits, rest) = word.split_at(end.unwrap_or(word.len()));
+        let is_whole = !digits.is_empty() && !is_fraction;
+        is_fraction = is_whole && rest == ".";
+        if is_whole {
             format!("{digits:0>20}{rest}")
+        } else {
+            word.to_string()
         }
     });
     (words.collect(), scan.to_path_buf())

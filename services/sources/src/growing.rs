@@ -144,6 +144,7 @@ mod tests {
             .iter()
             .for_each(|name| write(name, 10));
         assert_eq!(until("10", &mut growing), (10, 0));
+        assert!(in_order(Path::new("1.25.bin")) < in_order(Path::new("1.5.bin")));
         assert!(growing.silence().is_none());
         let error = Growing::open(&format!("{path}/1.bin"), &Layout::default());
         let error = error.err().unwrap().to_string();

@@ -147,6 +147,7 @@ impl Listener {
             let silent_ms = heard.elapsed().as_millis() as u64;
             self.shared.silent_ms.store(silent_ms, Relaxed);
             let Some(datagram) = datagram else {
+                self.shared.foreign_bytes.store(0, Relaxed);
                 continue;
             };
             // It may have come back with another address.

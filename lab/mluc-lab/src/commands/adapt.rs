@@ -165,9 +165,15 @@ impl Adaptation<'_> {
         ModelGate::Known.set(&mut manifest.thresholds, 0.5);
         manifest.provenance.threshold_choice = "one half: more likely unknown than known".into();
         let sensor = &self.plan.request.sensor;
-        let beams = (sensor.elevations_deg.len() * sensor.units.len().max(1)) as f32;
-        let returns = beams * 360.0 / sensor.azimuth_step_deg;
+        let (beams, units) = (
+            sensor.elevations_deg.len() as f32,
+            sensor.units.len().max(1),
+        );
+        let around_deg = sensor.field_deg.map_or(360.0, |[_, width_deg]| width_deg);
+        let returns = beams * units as f32 * around_deg / sensor.azimuth_step_deg;
         let mut takes = Takes::like(beams, returns, sensor.height_m.unwrap_or_default());
+        // Units may look in directions of their own.
+        takes.beams[1] *= units as u32;
         if sensor.height_m.is_none() {
             // Simulated at any height.
             takes.height_m = manifest.takes().height_m;

@@ -45,7 +45,7 @@ pub(super) fn findings(
         if kept == 0 || scan.flags != Flags::default() {
             damaged.push(scan.name.clone());
         }
-        if kept == 0 {
+        if kept == 0 && report.dropped_not_finite == 0 {
             continue;
         }
         estimator.look(&points[..kept], report.dropped_not_finite);
@@ -159,12 +159,13 @@ fn command(found: &SensorEstimate, expected: &Expected) -> String {
             format!(" --sensor {name}   (the same beams: {})", others.join(", "))
         }
     };
-    let given = std::env::args().skip_while(|word| word != "doctor");
-    let quoted =
-        |word: String| match word.contains(|c: char| c.is_whitespace() || "'\"$*&;".contains(c)) {
-            true => format!(" '{}'", word.replace('\'', r"'\''")),
-            false => format!(" {word}"),
-        };
+    let given = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+    let given = given.skip_while(|word| word != "doctor");
+    let is_plain = |c: char| c.is_alphanumeric() || "_./,:=+-".contains(c);
+    let quoted = |word: String| match word.chars().all(is_plain) {
+        true => format!(" {word}"),
+        false => format!(" '{}'", word.replace('\'', r"'\''")),
+    };
     let given: String = given.skip(1).map(quoted).collect();
     format!("mluc up{given}{sensor}")
 }

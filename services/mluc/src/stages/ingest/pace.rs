@@ -91,7 +91,9 @@ fn sleep_until(sender: &mut Sender, due_ns: u64) -> Result<bool, RuntimeError> {
 
 pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Result<()> {
     let end_ns = end_ns(sender, settings, first)?;
-    sender.step_ns = Some(offset_ns(None, settings, 1));
+    // A part has every so-maniest scan.
+    let parts = settings.layout.shard.map_or(1, |[_, parts]| parts);
+    sender.step_ns = Some(offset_ns(None, settings, parts.into()));
     for sequence in first.. {
         let is_over = monotonic_ns() >= end_ns || sender.shell.is_stopping();
         if is_over || !sender.load(sequence, end_ns)? {
