@@ -168,6 +168,22 @@ mod tests {
     }
 
     #[test]
+    fn a_sensor_that_never_saw_anything_is_told_from_one_that_did() {
+        let told = |first: &[Point]| {
+            let mut view = View::new(None);
+            (0..LOOKS).for_each(|_| view.look(first));
+            view.look(&[]);
+            view.sees_nothing()
+        };
+        let zeros = [Point::default(); 100];
+        assert_eq!(
+            [told(&zeros), told(&[]), told(&ring(0, 36))],
+            [true, true, false]
+        );
+        assert!(!View::new(None).sees_nothing(), "not looked yet");
+    }
+
+    #[test]
     fn a_covered_sector_is_blind_after_three_looks_and_sees_again() {
         let mut view = View::new(None);
         let whole = ring(0, 36);

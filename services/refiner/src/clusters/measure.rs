@@ -257,6 +257,29 @@ mod tests {
     }
 
     #[test]
+    fn the_spacing_of_beams_is_found_in_the_scan() {
+        // Beams 2 degrees apart all around or ahead, columns as an HDL-64E's.
+        let found_deg = |columns: usize| {
+            let at = |n: usize| {
+                let azimuth = (n / 15) as f32 * STEPS_DEFAULT_RAD[0] - 0.5;
+                let tan = (1.0 - 2.0 * (n % 15) as f32).to_radians().tan();
+                IndexedPoint {
+                    at_m: [azimuth.cos() * 20.0, azimuth.sin() * 20.0, tan * 20.0],
+                    index: n as u32,
+                }
+            };
+            let mut measurer = Measurer::new(&Sensor::plain(&["car"]));
+            measurer.look(&(0..15 * columns).map(at).collect::<Vec<_>>());
+            measurer.steps_rad[1].to_degrees()
+        };
+        let [around, none] = [2083, 0].map(found_deg);
+        assert!((around - 2.0).abs() < 0.1, "{around}");
+        assert_eq!(none, STEPS_DEFAULT_RAD[1].to_degrees());
+        let ahead = found_deg(521);
+        assert!((ahead - 2.0).abs() < 0.5, "{ahead}");
+    }
+
+    #[test]
     fn a_face_seen_beam_by_beam_has_a_density_of_about_one() {
         let [az, el] = STEPS_DEFAULT_RAD;
         let mut points = started();
