@@ -66,13 +66,10 @@ pub struct ExportOptions {
     /// Go on where the same export was interrupted: frames that are there stay.
     #[arg(skip)]
     pub resume: bool,
-    /// Threads; 0 takes one per core.
-    #[arg(skip)]
-    pub threads: usize,
 }
 
 impl ExportOptions {
-    /// Scenes of their own with every step of realism, on all cores.
+    /// Scenes of their own with every step of realism.
     pub fn new(family: Family, split: Split, frames: u32, seed: u64, folder: PathBuf) -> Self {
         let [family, split] = [family.name(), split.name()];
         let words = format!(
@@ -104,10 +101,6 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
     }
     prepare(options)?;
     let calibration = calibration(options.family)?;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.threads)
-        .build()
-        .map_err(|e| SimulateError::Threads(options.threads, e))?;
     let one = |index| {
         if options.resume && is_written(&options.folder, index) {
             written();
@@ -118,9 +111,8 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
         written();
         Ok(pose)
     };
-    let poses: Result<Vec<_>, SimulateError> =
-        pool.install(|| options.indices().into_par_iter().map(one).collect());
-    write_poses(options, &poses?)?;
+    let poses = options.indices().into_par_iter().map(one);
+    write_poses(options, &poses.collect::<Result<Vec<_>, SimulateError>>()?)?;
     let names: String = (0..options.frames).map(|i| format!("{i:06}\n")).collect();
     let list = options.folder.join(format!("ImageSets/{split}.txt"));
     Ok(write_file(&list, names.as_bytes())?)

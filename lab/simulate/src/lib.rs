@@ -47,9 +47,6 @@ pub enum SimulateError {
     /// The output folder, or what was asked to be in it.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    /// So many threads cannot be started.
-    #[error("cannot start {0} threads: {1}")]
-    Threads(usize, rayon::ThreadPoolBuildError),
 }
 
 /// A scenario family: sensor view, sizes, and which classes are known.

@@ -79,11 +79,12 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads_and_in_parts() {
     let run = |threads: usize, shard: Option<[u32; 2]>| {
         let folder = folder.path().join(format!("{threads} {shard:?}"));
         let options = ExportOptions {
-            threads,
             shard,
             ..ExportOptions::new(Family::SimUdi, Split::Val, 4, 5, folder.clone())
         };
-        export(&options, || ()).expect("written");
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        let written = pool.expect("threads").install(|| export(&options, || ()));
+        written.expect("written");
         folder
     };
     let (one, two) = (run(1, None), run(2, None));

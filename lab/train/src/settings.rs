@@ -204,6 +204,8 @@ impl TrainSettings {
         if self.kind == NetworkKind::MlucFull {
             // Boxes of people side by side overlap a little.
             manifest.thresholds.nms_iou = 0.2;
+            // More likely unknown than known.
+            manifest.thresholds.unknown_min = 0.5;
         }
         let person = manifest.generic.first_mut();
         if let Some(person) = person.filter(|_| self.setting == Setting::Any) {
@@ -312,13 +314,14 @@ mod tests {
     }
 
     #[test]
-    fn a_new_model_for_any_sensor_keeps_as_much_overlap_as_the_shipped_one() {
+    fn a_new_model_for_any_sensor_has_gate_and_overlap_of_the_shipped_one() {
         let options = ["--setting", "any", "--network", "mluc-full"];
         let new = TrainSettings::of(&options, Path::new("data"), Path::new("out")).manifest();
         let weights = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights");
         let shipped = Path::new(weights).join("any-open.safetensors");
         let shipped = mluc_model::Model::read(&shipped).expect("a model").manifest;
         assert_eq!(new.thresholds.nms_iou, shipped.thresholds.nms_iou);
+        assert_eq!(new.thresholds.unknown_min, shipped.thresholds.unknown_min);
         assert_eq!(new.network.grid, shipped.network.grid);
     }
 }

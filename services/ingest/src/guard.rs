@@ -72,6 +72,16 @@ pub enum Reason {
         "sensor {0:.2} m above the ground, expected {1:.2} m by the given sensor: correct its height_m"
     )]
     SensorHeight(f32, f32),
+    /// Not the given sensor's columns: between them and expected, degrees.
+    #[error(
+        "columns {0:.2} degrees apart, expected {1:.2} by the given sensor: correct its azimuth_step_deg"
+    )]
+    SensorStep(f32, f32),
+    /// Outside of the given sensor's horizontal field, degrees.
+    #[error(
+        "returns up to {0:.0} degrees outside of the horizontal field of the given sensor, expected none: correct its field_deg"
+    )]
+    SensorField(f32),
 }
 
 /// Larger shares of points without a measurement are no few wrong ones; a guess.
@@ -99,11 +109,14 @@ const LOOK_FIRST: u64 = 3;
 const LOOK_EVERY: u64 = 6;
 /// Looks that vote.
 const LOOKS: usize = 3;
-/// Of the given sensor: beams off by this share of their distance and by so many degrees, fields by so many, counts by this factor, heights by so many m. Guesses.
+/// Of the given sensor: beams off by this share of their distance and by so many degrees, fields by so many, counts and distances of columns by these factors, heights by so many m. Guesses.
 const BEAM_OFF_SHARE: f32 = 0.3;
 const BEAM_OFF_DEG: f32 = 0.25;
 const FIELD_OFF_DEG: f32 = 2.0;
+const AROUND_OFF_DEG: f32 = 10.0;
 const BEAMS_FACTOR: f32 = 1.4;
+/// A product has modes and rates whose columns are twice as far apart.
+const STEP_FACTOR: f32 = 2.2;
 const HEIGHT_OFF_M: f32 = 0.3;
 /// Returns beyond so many times the given sensor's range are no stray ones.
 const RANGE_FACTOR: f32 = 2.0;
@@ -124,9 +137,11 @@ impl Reason {
             Reason::Range(_) => Flags::SUSPECT_RANGE,
             Reason::IntensityScale(_) | Reason::IntensityMissing => Flags::SUSPECT_INTENSITY,
             Reason::Frozen(_) => Flags::SUSPECT_FROZEN,
-            Reason::SensorBeams(..) | Reason::SensorRange(..) | Reason::SensorHeight(..) => {
-                Flags::SUSPECT_SENSOR
-            }
+            Reason::SensorBeams(..)
+            | Reason::SensorRange(..)
+            | Reason::SensorHeight(..)
+            | Reason::SensorStep(..)
+            | Reason::SensorField(_) => Flags::SUSPECT_SENSOR,
         }
     }
 }
@@ -257,6 +272,15 @@ impl Expected {
         let (longest_m, own_m) = (found.range_longest_m, sensor.range_m[1]);
         let is_beyond = longest_m > RANGE_FACTOR * own_m;
         add(is_beyond, Reason::SensorRange(longest_m, own_m));
+        // Units look in directions of their own.
+        let field_deg = sensor.field_deg.filter(|_| sensor.units.is_empty());
+        if let Some([middle_deg, width_deg]) = field_deg {
+            let [found_deg, found_width_deg] = found.field_deg;
+            let turn_deg = (found_deg - middle_deg + 540.0).rem_euclid(360.0) - 180.0;
+            let outside_deg = turn_deg.abs() + (found_width_deg - width_deg) / 2.0;
+            let is_outside = outside_deg > AROUND_OFF_DEG;
+            add(is_outside, Reason::SensorField(outside_deg));
+        }
         let beams = &sensor.elevations_deg;
         let (Some(top), Some(bottom)) = (beams.first(), beams.last()) else {
             return;
@@ -265,6 +289,12 @@ impl Expected {
         let tilt_deg = sensor.pitch_deg.hypot(sensor.roll_deg);
         if sensor.units.len() > 1 || tilt_deg > self.takes.tilt_max_deg {
             return;
+        }
+        if let Some(step_deg) = found.azimuth_step_deg {
+            let own_deg = sensor.azimuth_step_deg;
+            let is_near = (1.0 / STEP_FACTOR..=STEP_FACTOR).contains(&(step_deg / own_deg));
+            let is_other = found.are_beams_clear && !is_near;
+            add(is_other, Reason::SensorStep(step_deg, own_deg));
         }
         let spacing_deg = (top - bottom) / (beams.len().max(2) - 1) as f32;
         let off_deg = found.distance_deg(sensor).unwrap_or(0.0);
@@ -414,6 +444,36 @@ mod tests {
         let start = "sensor 0.50 m above the ground, expected 1.00 to 2.00 m: ";
         assert!(text.starts_with(start), "{text}");
         assert_eq!(told[19][0].flag(), Flags::SUSPECT_HEIGHT);
+    }
+
+    #[test]
+    fn columns_and_a_field_that_are_not_the_given_sensors_are_told() {
+        let mut sensor = SensorProfile::load("vlp-16").expect("a product");
+        sensor.field_deg = Some([0.0, 120.0]);
+        let mut expected = expected(TAKES);
+        let found = |step_deg: f32, middle_deg: f32| SensorEstimate {
+            points: 20_000,
+            beams: 16,
+            are_beams_clear: true,
+            elevations_deg: sensor.elevations_deg.clone(),
+            azimuth_step_deg: Some(step_deg),
+            field_deg: [middle_deg, 118.0],
+            ..SensorEstimate::default()
+        };
+        expected.sensor = Some(sensor.clone());
+        let step_deg = sensor.azimuth_step_deg;
+        let told = |found: &SensorEstimate| {
+            let mut reasons = vec![];
+            expected.judge(found, &mut reasons);
+            reasons.retain(|reason| reason.flag() == Flags::SUSPECT_SENSOR);
+            reasons
+        };
+        assert_eq!(told(&found(2.0 * step_deg, 5.0)), []);
+        let wide = found(3.0 * step_deg, 0.0);
+        let step = Reason::SensorStep(3.0 * step_deg, step_deg);
+        assert_eq!(told(&wide), [step]);
+        let aside = found(step_deg, -170.0);
+        assert_eq!(told(&aside), [Reason::SensorField(169.0)]);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use clap::Args;
 use mluc_backbone::Precision;
 use mluc_dataset::{Dataset, whole_file::write_whole};
 use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_profiles, detect_frames, judge,
+    DetectedFrame, FrameSet, ModelJudgement, choose_profiles, detect_frames, judge,
     write_precisions, write_profiles,
 };
 use mluc_model::{Model, SensorProfile, Takes, model_bytes};
@@ -162,7 +162,6 @@ impl Adaptation<'_> {
             scorer.write(&mut weights);
         }
         let (set, frames, judgement) = self.judge(&train)?;
-        ModelGate::Known.set(&mut manifest.thresholds, 0.5);
         manifest.provenance.threshold_choice = "one half: more likely unknown than known".into();
         let sensor = &self.plan.request.sensor;
         let (beams, units) = (

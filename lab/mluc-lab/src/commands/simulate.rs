@@ -25,9 +25,9 @@ pub(crate) struct SimulateArguments {
 }
 
 pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
+    arguments.threads.start()?;
     let mut options = ExportOptions {
         realism: Realism::without(&arguments.without),
-        threads: arguments.threads.threads,
         ..arguments.options
     };
     let scanned_by = options.scanned_by.take();

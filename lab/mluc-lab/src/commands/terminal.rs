@@ -108,7 +108,7 @@ pub(crate) fn at_least_one(text: &str) -> Result<usize, String> {
 pub(crate) struct Threads {
     /// Threads; 0: all cores.
     #[arg(long, default_value_t = 0, value_parser = threads)]
-    pub(crate) threads: usize,
+    threads: usize,
 }
 
 impl Threads {
