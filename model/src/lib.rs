@@ -26,7 +26,7 @@ pub use manifest::{
 pub use network::{
     DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer, VoxelInput, calibrated_layers,
 };
-pub use sensor::{SensorProfile, SensorUnit};
+pub use sensor::{BlindSector, SensorProfile, SensorUnit, Wave, degrees_off};
 pub use tensors::{
     BASELINE, CLUSTER_SCORER, CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS, Tensor, WeightSet,
     calibration_tensor, expected_tensors,

@@ -20,7 +20,46 @@ pub struct SensorUnit {
     pub roll_deg: f32,
 }
 
-/// A spinning LiDAR.
+/// What the robot's own body hides: nothing comes back from there, or the driver leaves it out.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BlindSector {
+    /// Middle and width, degrees, counter-clockwise from ahead.
+    pub azimuth_deg: [f32; 2],
+    /// Its highest elevation, degrees; all of them where absent.
+    #[serde(default = "up_to_the_zenith")]
+    pub below_deg: f32,
+}
+
+fn up_to_the_zenith() -> f32 {
+    90.0
+}
+
+impl BlindSector {
+    /// Whether a direction lies in it.
+    pub fn hides(&self, azimuth_deg: f32, elevation_deg: f32) -> bool {
+        let [middle_deg, width_deg] = self.azimuth_deg;
+        let is_within = degrees_off(azimuth_deg, middle_deg) <= width_deg / 2.0;
+        is_within && elevation_deg <= self.below_deg
+    }
+}
+
+/// Between two directions, 0 to 180 degrees.
+pub fn degrees_off(a_deg: f32, b_deg: f32) -> f32 {
+    ((a_deg - b_deg + 540.0).rem_euclid(360.0) - 180.0).abs()
+}
+
+/// Lines that wave up and down while they are swept: mirrors of a raster, prisms of a rosette.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wave {
+    /// Above and below a line's elevation, degrees.
+    pub height_deg: f32,
+    /// Waves of a full turn; each line begins them by itself.
+    pub a_turn: f32,
+}
+
+/// A LiDAR that spins or sweeps a sector.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorProfile {
@@ -51,6 +90,12 @@ pub struct SensorProfile {
     /// Positive sinks to the right, degrees.
     #[serde(default)]
     pub roll_deg: f32,
+    /// Of a raster or a rosette; straight lines where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wave: Option<Wave>,
+    /// What the robot's own body hides.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub blind: Vec<BlindSector>,
     /// Several equal sensors whose scans are merged into one; empty: one at the origin.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub units: Vec<SensorUnit>,
@@ -88,6 +133,21 @@ impl SensorProfile {
         Ok(profile)
     }
 
+    /// The highest and the lowest elevation, degrees.
+    pub fn vertical_field_deg(&self) -> [f32; 2] {
+        let high_deg = self.wave.map_or(0.0, |wave| wave.height_deg);
+        let ends = [self.elevations_deg.first(), self.elevations_deg.last()];
+        let [top, bottom] = ends.map(|end| end.copied().unwrap_or_default());
+        [top + high_deg, bottom - high_deg]
+    }
+
+    /// Whether the own body hides what stands there.
+    pub fn hides(&self, azimuth_deg: f32) -> bool {
+        self.blind
+            .iter()
+            .any(|sector| sector.hides(azimuth_deg, 0.0))
+    }
+
     /// Every number in its range; else the field, what is expected and what was found.
     fn check(&self) -> Result<(), String> {
         let beams = self.elevations_deg.len();
@@ -112,10 +172,26 @@ impl SensorProfile {
         for &offset in &self.azimuth_offsets_deg {
             within("azimuth_offsets_deg", offset, -360.0, 360.0)?;
         }
-        within("azimuth_step_deg", self.azimuth_step_deg, 0.05, 2.0)?;
+        within("azimuth_step_deg", self.azimuth_step_deg, 0.003, 2.0)?;
         let [middle, width] = self.field_deg.unwrap_or([0.0, 360.0]);
         within("field_deg (middle)", middle, -180.0, 180.0)?;
         within("field_deg (width)", width, 1.0, 360.0)?;
+        if let Some(wave) = self.wave {
+            within("wave.height_deg", wave.height_deg, 0.0, 60.0)?;
+            within("wave.a_turn", wave.a_turn, 0.0, 1000.0)?;
+        }
+        within("blind (sectors)", self.blind.len() as f32, 0.0, 72.0)?;
+        for BlindSector {
+            azimuth_deg: [middle_deg, width_deg],
+            below_deg,
+        } in self.blind.iter().copied()
+        {
+            within("blind.azimuth_deg (middle)", middle_deg, -180.0, 180.0)?;
+            within("blind.azimuth_deg (width)", width_deg, 0.0, 360.0)?;
+            within("blind.below_deg", below_deg, -90.0, 90.0)?;
+        }
+        let rays = (beams * self.units.len().max(1)) as f32 * width / self.azimuth_step_deg;
+        within("rays (beams x columns)", rays, 1.0, 1e6)?;
         within("range_m (shortest)", self.range_m[0], 0.0, 10.0)?;
         within("range_m (longest)", self.range_m[1], 5.0, 500.0)?;
         within("range_noise_m", self.range_noise_m, 0.0, 0.5)?;
@@ -142,6 +218,21 @@ mod tests {
             let profile = SensorProfile::load(name).expect(name);
             assert!(!profile.source.is_empty(), "{name}");
         }
+    }
+
+    #[test]
+    fn blind_sectors_hide_what_is_below_them_and_survive_being_written() {
+        let (_, text) = PRODUCTS[0];
+        let blind = "blind = [{ azimuth_deg = [180.0, 40.0], below_deg = -10.0 }, { azimuth_deg = [90.0, 20.0] }]";
+        let profile = SensorProfile::parse(&format!("{blind}\n{text}"), "mine").expect("sound");
+        assert!(profile.hides(95.0) && !profile.hides(101.0) && !profile.hides(170.0));
+        let behind = profile.blind[0];
+        assert!(behind.hides(-165.0, -11.0) && !behind.hides(-165.0, -9.0));
+        let written = toml::to_string(&profile).expect("written");
+        assert_eq!(
+            SensorProfile::parse(&written, "written").expect("read"),
+            profile
+        );
     }
 
     #[test]

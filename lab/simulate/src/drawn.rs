@@ -44,8 +44,14 @@ pub(crate) fn sensor(dice: &mut Dice) -> SensorProfile {
 }
 
 /// Some sensors move while they turn (low ones, of robots, slowly), unless they are to stay: where they see their own vehicle, which would move with them.
-/// Some report second returns. Half of those that see a sector sweep lines that wave: slowly and a little, as a raster of mirrors does, or across each other.
-pub(crate) fn in_use(sensor: &mut Sensor, stays: bool, height_m: f32, dice: &mut Dice) {
+/// Some report second returns. Half of the drawn ones that see a sector sweep lines that wave: slowly and a little, as a raster of mirrors does, or across each other.
+pub(crate) fn in_use(
+    sensor: &mut Sensor,
+    is_drawn: bool,
+    stays: bool,
+    height_m: f32,
+    dice: &mut Dice,
+) {
     let fastest_mps = if height_m < ROBOT_M { 2.0 } else { 15.0 };
     let motion = Motion {
         velocity_mps: v(dice.range(0.0, fastest_mps), 0.0, 0.0),
@@ -55,7 +61,7 @@ pub(crate) fn in_use(sensor: &mut Sensor, stays: bool, height_m: f32, dice: &mut
     let moves = dice.chance(0.4) && !stays;
     sensor.motion = moves.then_some(motion);
     sensor.second_returns = if dice.chance(0.15) { 0.5 } else { 0.0 };
-    if sensor.is_sector() && dice.chance(0.5) {
+    if is_drawn && sensor.is_sector() && dice.chance(0.5) {
         let is_rosette = dice.chance(0.5);
         let [high_deg, often] = if is_rosette {
             [12.0, 150.0]
@@ -81,9 +87,12 @@ fn product(dice: &mut Dice) -> SensorProfile {
     let [low, high] = [[0, 16], [17, 47], [48, 256]][dice.weighted(&[0.3, 0.3, 0.4])];
     let profiles = SensorProfile::names().filter(|name| !HELD_OUT.contains(name));
     let profiles = profiles.filter_map(|name| SensorProfile::load(name).ok());
-    // Those that look up alone are mounted aslant, not as here.
+    // Those that look up alone are mounted aslant, not as here. Sectors and waves are drawn by themselves.
     let looks_down = |p: &SensorProfile| p.elevations_deg.iter().any(|e| *e < -4.0);
-    let fits = |p: &SensorProfile| (low..=high).contains(&p.elevations_deg.len()) && looks_down(p);
+    let spins = |p: &SensorProfile| p.field_deg.is_none() && p.wave.is_none();
+    let fits = |p: &SensorProfile| {
+        (low..=high).contains(&p.elevations_deg.len()) && looks_down(p) && spins(p)
+    };
     let mut fitting: Vec<SensorProfile> = profiles.filter(fits).collect();
     fitting.swap_remove(dice.whole(0, fitting.len() - 1))
 }

@@ -30,7 +30,8 @@ impl Ego {
     ) -> Ego {
         let mut mesh = Mesh::default();
         let usual = if height_m < ROBOT_M { ROBOT } else { CAR };
-        if !dice.chance(SEEN) {
+        // A profile that says what the body hides needs none.
+        if !profile.blind.is_empty() || !dice.chance(SEEN) {
             return Ego {
                 mesh,
                 footprint: usual,

@@ -93,9 +93,7 @@ pub(crate) fn place_objects<'a>(
 
 impl Layout<'_> {
     fn model(&self, class: Class, dice: &mut Dice) -> Model {
-        let Stream {
-            family, realism, ..
-        } = self.stream;
+        let (family, realism) = (self.stream.family, self.stream.realism);
         let mut model = build(class, family, realism, dice);
         if class == Class::SyntheticUnknown {
             // Not of the size of what is known beside the family's classes either.
@@ -196,11 +194,8 @@ impl Layout<'_> {
             Family::SimUdi => x.abs() < 50.0 && y.abs() < 50.0,
             // As far as the network looks; the trainer mirrors what is ahead.
             Family::SimAny => {
-                let behind_m = if self.stream.split == Split::Train {
-                    69.0
-                } else {
-                    50.0
-                };
+                let is_train = self.stream.split == Split::Train;
+                let behind_m = if is_train { 69.0 } else { 50.0 };
                 x > -behind_m && x < 69.0 && y.abs() < 50.0
             }
             // Outside of the camera's view only now and then.

@@ -319,6 +319,7 @@ fn turn(
         height_m: profile.as_ref().and_then(|p| p.height_m),
         ..by.clone()
     });
+    let is_drawn = sensor.or(by).is_none();
     let mut sensor = match scanner.as_ref().or(profile.as_ref()) {
         Some(profile) => {
             let drops = stream.realism.has(Step::Drop);
@@ -330,7 +331,7 @@ fn turn(
         let is_merged = profile.as_ref().is_some_and(|p| !p.units.is_empty());
         let stays = is_merged || !ego.mesh.triangles.is_empty();
         let height_m = -ground.height(0.0, 0.0);
-        drawn::in_use(&mut sensor, stays, height_m, &mut dice(10));
+        drawn::in_use(&mut sensor, is_drawn, stays, height_m, &mut dice(10));
     }
     let mut sensor_at = mesh::V3::ZERO;
     if let Some(turn) = turn {

@@ -51,6 +51,9 @@ pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
 /// Follows one ray to the surface that stops it. The draws at each surface depend on the ray and the count of passes alone, so that an object alone in the
 /// world is hit by the same rays as in the scene.
 pub(crate) fn trace(world: &Searchable, sensor: &Sensor, shot: Shot) -> Option<Hit> {
+    if sensor.is_blind(shot) {
+        return None;
+    }
     let (start, direction) = sensor.ray(shot);
     let mut bits = sensor.bits(Stream::Pass, shot);
     let mut from = 0.0;

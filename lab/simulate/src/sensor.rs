@@ -10,7 +10,7 @@ use super::mesh::{V3, up, v};
 use super::random::{hash, normal, unit};
 use super::{Realism, Step};
 use mluc_geometry::Box3;
-use mluc_model::{SensorProfile, SensorUnit};
+use mluc_model::{BlindSector, SensorProfile, SensorUnit};
 use std::f32::consts::TAU;
 
 /// Beams of the HDL-64E.
@@ -152,6 +152,7 @@ impl Turned {
 }
 
 /// One sensor, as it is in one frame.
+#[derive(Default)]
 pub(crate) struct Sensor {
     pub(crate) key: u64,
     beams: Vec<Beam>,
@@ -177,6 +178,8 @@ pub(crate) struct Sensor {
     pub(crate) second_returns: f32,
     /// Lines that wave while they are swept: by how much, rad, and how often a turn.
     wave: [f32; 2],
+    /// What the robot's own body hides.
+    blind: Vec<BlindSector>,
 }
 
 impl Sensor {
@@ -217,13 +220,10 @@ impl Sensor {
             column_count,
             range_m: RANGE_M,
             noise,
-            stray_rad: 0.0,
             drops: realism.has(Step::Drop),
             glass: GLASS,
             base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, BEAMS)),
-            motion: None,
-            second_returns: 0.0,
-            wave: [0.0; 2],
+            ..Sensor::default()
         }
     }
 
@@ -271,7 +271,7 @@ impl Sensor {
         // Recorded scans show next to nothing behind windows: most rays are reflected away. What comes back differs with glass and dirt.
         let passes = 0.5 * unit(draw(Stream::Pass, usize::MAX)).powi(3);
         let returns = 0.3 * unit(draw(Stream::Pass, usize::MAX - 1));
-        Sensor {
+        let mut sensor = Sensor {
             key,
             beams: beams.collect(),
             columns,
@@ -283,10 +283,13 @@ impl Sensor {
             drops,
             glass: [passes, 1.0 - passes - returns],
             base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, usize::MAX)),
-            motion: None,
-            second_returns: 0.0,
-            wave: [0.0; 2],
+            blind: profile.blind.clone(),
+            ..Sensor::default()
+        };
+        if let Some(wave) = profile.wave {
+            sensor.wave(wave.height_deg.to_radians(), wave.a_turn, true);
         }
+        sensor
     }
 
     /// Whether it sees less than the full circle.
@@ -337,7 +340,7 @@ impl Sensor {
 
     /// Random bits of one ray for one purpose.
     pub(crate) fn bits(&self, stream: Stream, (beam, column): Shot) -> u64 {
-        let ray = (beam * 4096 + column) as u64;
+        let ray = (beam * self.columns.max(4096) + column) as u64;
         hash(&[self.key ^ ((stream as u64) << 56), ray])
     }
 
@@ -350,6 +353,17 @@ impl Sensor {
         let (at, heading) = motion.pose(self.share_left(shot.1));
         let [start, direction] = [start, direction].map(|of| turned_by(of, heading));
         (at + start, direction)
+    }
+
+    /// Whether the own body hides what lies there.
+    pub(crate) fn is_blind(&self, shot: Shot) -> bool {
+        if self.blind.is_empty() {
+            return false;
+        }
+        let (_, ray) = self.ray_in_sensor(shot);
+        let [azimuth_deg, elevation_deg] = [ray.y.atan2(ray.x), ray.z.asin()].map(f32::to_degrees);
+        let mut sectors = self.blind.iter();
+        sectors.any(|sector| sector.hides(azimuth_deg, elevation_deg))
     }
 
     /// Of the turn, at a column.
@@ -465,6 +479,32 @@ mod tests {
             apart.fold(0.0, f32::max)
         };
         assert!(apart(&second) < 0.01 && apart(&alone) > 0.02);
+    }
+
+    #[test]
+    fn a_product_waves_as_its_profile_says_and_nothing_comes_from_blind_sectors() {
+        let mut profile = SensorProfile::load("mid-360").expect("a product");
+        profile.blind = vec![BlindSector {
+            azimuth_deg: [90.0, 60.0],
+            below_deg: 20.0,
+        }];
+        let sensor = Sensor::of(&profile, 0.0, 3, true);
+        let shots = 0..sensor.beam_count() * sensor.column_count;
+        let shots = shots.map(|i| (i / sensor.column_count, i % sensor.column_count));
+        let (mut highest, mut lowest, mut blind) = (0.0f32, 0.0f32, 0);
+        for shot in shots {
+            let (_, ray) = sensor.ray(shot);
+            let elevation_deg = ray.z.asin().to_degrees();
+            highest = highest.max(elevation_deg);
+            lowest = lowest.min(elevation_deg);
+            let off_deg = ray.x.atan2(ray.y).to_degrees().abs();
+            let is_blind = off_deg <= 30.0 && elevation_deg <= 20.0;
+            assert_eq!(sensor.is_blind(shot), is_blind, "{ray:?}");
+            blind += usize::from(is_blind);
+        }
+        let [top, bottom] = profile.vertical_field_deg();
+        assert!((highest - top).abs() < 0.1 && (lowest - bottom).abs() < 0.1);
+        assert!((1000..2000).contains(&blind), "{blind}");
     }
 
     #[test]

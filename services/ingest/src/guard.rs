@@ -2,7 +2,7 @@
 //! detectors; its causes are few, and scans show most of them.
 
 use mluc_ipc_types::{Flags, Point};
-use mluc_model::{Grid, Manifest, SensorProfile, Takes};
+use mluc_model::{Grid, Manifest, SensorProfile, Takes, degrees_off};
 
 use crate::DecodeReport;
 use crate::estimate::{Estimator, SECTORS, SensorEstimate, Unit, Up, direction_rad};
@@ -246,7 +246,7 @@ impl Expected {
         add(!has_field && gap_deg >= GAP_MIN_DEG, Reason::Field(gap_deg));
     }
 
-    /// Degrees of the directions in the model's grid that the field leaves out.
+    /// Degrees of the directions in the model's grid that the field leaves out and the own body leaves free.
     fn gap_deg(&self, found: &SensorEstimate) -> f32 {
         let [middle_deg, width_deg] = found.field_deg;
         let sectors = (0..SECTORS).map(direction_rad);
@@ -255,8 +255,10 @@ impl Expected {
             let seen = |axis: usize| {
                 (self.grid.range_min_m[axis]..self.grid.range_max_m[axis]).contains(&at[axis])
             };
-            let off_deg = (azimuth_rad.to_degrees() - middle_deg + 540.0).rem_euclid(360.0) - 180.0;
-            seen(0) && seen(1) && off_deg.abs() > width_deg / 2.0
+            let azimuth_deg = azimuth_rad.to_degrees();
+            let is_hidden = self.sensor.as_ref().is_some_and(|s| s.hides(azimuth_deg));
+            let is_outside = degrees_off(azimuth_deg, middle_deg) > width_deg / 2.0;
+            seen(0) && seen(1) && is_outside && !is_hidden
         });
         missing.count() as f32 * 360.0 / SECTORS as f32
     }
@@ -276,15 +278,13 @@ impl Expected {
         let field_deg = sensor.field_deg.filter(|_| sensor.units.is_empty());
         if let Some([middle_deg, width_deg]) = field_deg {
             let [found_deg, found_width_deg] = found.field_deg;
-            let turn_deg = (found_deg - middle_deg + 540.0).rem_euclid(360.0) - 180.0;
-            let outside_deg = turn_deg.abs() + (found_width_deg - width_deg) / 2.0;
+            let turn_deg = degrees_off(found_deg, middle_deg);
+            let outside_deg = turn_deg + (found_width_deg - width_deg) / 2.0;
             let is_outside = outside_deg > AROUND_OFF_DEG;
             add(is_outside, Reason::SensorField(outside_deg));
         }
         let beams = &sensor.elevations_deg;
-        let (Some(top), Some(bottom)) = (beams.first(), beams.last()) else {
-            return;
-        };
+        let [top, bottom] = sensor.vertical_field_deg();
         // Of merged sensors the profile's elevations are of one of them; one that is too tilted for the model sends levelled points, whose elevations are others.
         let tilt_deg = sensor.pitch_deg.hypot(sensor.roll_deg);
         if sensor.units.len() > 1 || tilt_deg > self.takes.tilt_max_deg {
@@ -304,7 +304,9 @@ impl Expected {
         let [highest, lowest] = found.vertical_field_deg;
         let beyond_deg = (highest - top).max(bottom - lowest);
         let ratio = found.beams as f32 / beams.len() as f32;
-        let is_other_count = !(1.0 / BEAMS_FACTOR..=BEAMS_FACTOR).contains(&ratio);
+        // Lines that wave show no beams.
+        let is_other_count =
+            sensor.wave.is_none() && !(1.0 / BEAMS_FACTOR..=BEAMS_FACTOR).contains(&ratio);
         let is_other = are_off || beyond_deg > FIELD_OFF_DEG || is_other_count;
         let off_deg = off_deg.max(beyond_deg);
         let reason = Reason::SensorBeams(found.beams, off_deg, beams.len() as u32);

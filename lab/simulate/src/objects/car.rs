@@ -164,17 +164,11 @@ fn lower_body(
 ) {
     let [cowl, _, roof_rear, deck] = p.along;
     let [nose, hood, belt, tail] = p.heights;
-    let last = |along: f32| {
-        if p.upright {
-            along.min(deck - 0.001)
-        } else {
-            along
-        }
-    };
+    let most = if p.upright { deck - 0.001 } else { 0.0 };
     let tops = [
         (-0.5, tail * 0.72),
-        (last(-0.487), tail * 0.86),
-        (last(-0.47), tail),
+        (f32::min(-0.487, most), tail * 0.86),
+        (f32::min(-0.47, most), tail),
         (deck, belt),
         (cowl, belt),
         (cowl + 0.02, hood),

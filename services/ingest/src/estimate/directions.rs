@@ -2,6 +2,7 @@
 
 use std::f32::consts::{PI, TAU};
 
+use mluc_model::{BlindSector, degrees_off};
 use smart_default::SmartDefault;
 
 /// Sectors of 5 degrees, from behind over the right.
@@ -12,6 +13,8 @@ pub(super) const SECTOR_DEG: f32 = 360.0 / SECTORS as f32;
 pub(super) const NEAR_M: f32 = 2.5;
 /// Sampled returns of one scan that make a direction one with something near.
 const NEAR_MIN: u16 = 2;
+/// Steps in which the own body's highest elevation is told, degrees.
+const TOP_STEP_DEG: f32 = 5.0;
 /// The farthest return counts as the end of the range in a direction from this share of the usual end on.
 const END_SHARE: f32 = 0.85;
 
@@ -28,6 +31,9 @@ pub(super) struct Directions {
     /// Scans with something near.
     #[default([0; SECTORS])]
     near_scans: [u16; SECTORS],
+    /// Highest elevation of the near returns, degrees.
+    #[default([-90.0; SECTORS])]
+    near_top_deg: [f32; SECTORS],
     scans: u16,
 }
 
@@ -37,14 +43,16 @@ pub fn direction_rad(sector: usize) -> f32 {
 }
 
 impl Directions {
-    /// A return at x, y, so far away (m); the ground is none that is near.
-    pub(super) fn add(&mut self, [x_m, y_m]: [f32; 2], range_m: f32, is_ground: bool) {
+    /// A return at x, y, z, so far away (m); the ground is none that is near.
+    pub(super) fn add(&mut self, [x_m, y_m, z_m]: [f32; 3], range_m: f32, is_ground: bool) {
         let sector = (y_m.atan2(x_m) + PI) / TAU * SECTORS as f32;
         let sector = (sector as usize).min(SECTORS - 1);
         self.counts[sector] += 1;
         self.farthest_m[sector] = self.farthest_m[sector].max(range_m);
         if range_m < NEAR_M && !is_ground {
             self.near[sector] = self.near[sector].saturating_add(1);
+            let elevation_deg = (z_m / range_m).asin().to_degrees();
+            self.near_top_deg[sector] = self.near_top_deg[sector].max(elevation_deg);
         }
     }
 
@@ -104,9 +112,36 @@ impl Directions {
 
     /// Degrees of the directions in which every scan has something near; 0 of fewer than three scans.
     pub(super) fn own_body_deg(&self) -> f32 {
-        let stays = self.near_scans.iter().filter(|scans| **scans == self.scans);
-        let angle_deg = stays.count() as f32 * SECTOR_DEG;
-        if self.scans < 3 { 0.0 } else { angle_deg }
+        let stays = (0..SECTORS).filter(|sector| self.is_own_body(*sector));
+        stays.count() as f32 * SECTOR_DEG
+    }
+
+    fn is_own_body(&self, sector: usize) -> bool {
+        self.scans >= 3 && self.near_scans[sector] == self.scans
+    }
+
+    /// What the own body hides inside of the field: directions with something near in every scan, up to its highest return, and
+    /// directions without returns. Neighbours that are hidden alike are one sector.
+    pub(super) fn blind(&self) -> Vec<BlindSector> {
+        let [middle_deg, width_deg] = self.field_deg();
+        let below_deg: [_; SECTORS] = std::array::from_fn(|sector| {
+            let azimuth_deg = direction_rad(sector).to_degrees();
+            let top_deg = (self.near_top_deg[sector] / TOP_STEP_DEG).ceil() * TOP_STEP_DEG;
+            let is_inside = degrees_off(azimuth_deg, middle_deg) < width_deg / 2.0;
+            let is_empty = is_inside && self.is_empty(sector);
+            let is_near = self.is_own_body(sector).then_some(top_deg);
+            is_empty.then_some(90.0).or(is_near)
+        });
+        let mut from_deg = -180.0;
+        let alike = below_deg.chunk_by(|a, b| a == b).filter_map(|alike| {
+            let width_deg = alike.len() as f32 * SECTOR_DEG;
+            from_deg += width_deg;
+            Some(BlindSector {
+                azimuth_deg: [from_deg - width_deg / 2.0, width_deg],
+                below_deg: alike[0]?,
+            })
+        });
+        alike.collect()
     }
 
     /// Returns that count for a sector.

@@ -14,12 +14,21 @@ const Z_STEP_M: f32 = 0.15;
 /// Tiles this near the last plane carry the next, m.
 const BANDS_M: [f64; 4] = [0.35, 0.25, 0.2, 0.15];
 
+/// A floor below a roof: this share of the tiles below the sensor, and so many for each tile of the roof; fewer below one that
+/// is too high to be the ground of a scan that is upside down, m. Guesses.
+const FLOOR_SHARE: f32 = 0.4;
+const FLOOR_TILES: f32 = 0.8;
+const HIGH_ROOF_M: f32 = 3.2;
+const FLOOR_TILES_BELOW_HIGH_ROOF: f32 = 0.3;
+
 /// The ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Level {
     pub(super) plane: GroundPlane,
     /// Share of the tiles that lie on it.
     pub(super) share: f32,
+    /// How many tiles these are.
+    tiles: usize,
 }
 
 impl Level {
@@ -50,8 +59,32 @@ impl LevelFinder {
         let weight = |above_m, band_m| f64::from(is_near(above_m, band_m));
         let plane = start.fitted(tiles.clone(), &BANDS_M, weight, 0.0);
         let near = tiles.filter(|&tile| is_near(plane.above_m(tile), BANDS_M[3]));
-        let share = near.count() as f32 / self.tiles.len() as f32;
-        Some(Level { plane, share })
+        let tiles = near.count();
+        let share = tiles as f32 / self.tiles.len() as f32;
+        Some(Level {
+            plane,
+            share,
+            tiles,
+        })
+    }
+
+    /// The ground of scans whose z should point up: of a floor and a roof it is the floor. In scans that are upside down the
+    /// uppermost beams end on less than the ground's area.
+    pub(super) fn below(
+        &mut self,
+        points: impl Iterator<Item = [f32; 3]> + Clone,
+    ) -> Option<Level> {
+        let level = self.find(points.clone())?;
+        if level.z_m() < 0.0 {
+            return Some(level);
+        }
+        let floor = self.find(points.filter(|[.., z]| *z < 0.0));
+        let is_high = level.z_m() > HIGH_ROOF_M;
+        let tiles = [FLOOR_TILES, FLOOR_TILES_BELOW_HIGH_ROOF][usize::from(is_high)];
+        let is_one = |floor: &Level| {
+            floor.share >= FLOOR_SHARE && floor.tiles as f32 >= tiles * level.tiles as f32
+        };
+        floor.filter(is_one).or(Some(level))
     }
 }
 
@@ -74,5 +107,12 @@ mod tests {
         assert!((z_m + 0.8).abs() < 0.1, "{level:?}");
         assert!((x - 0.17).abs() < 0.01 && (y + 0.05).abs() < 0.01);
         assert_eq!(finder.find([[f32::NAN; 3]].into_iter()), None);
+        // Below a roof that more beams see than the floor.
+        let roof = (0..10_000).map(point).map(|[x, y, _]| [x, y, 4.0]);
+        let floor = (0..10_000)
+            .map(point)
+            .filter(|[x, y, _]| x.hypot(*y) > 14.0);
+        let level = finder.below(roof.chain(floor)).expect("a plane");
+        assert!((level.plane.z_m + 0.8).abs() < 0.1, "{level:?}");
     }
 }

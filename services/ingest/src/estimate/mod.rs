@@ -13,6 +13,7 @@ mod view;
 
 use mluc_geometry::quantile;
 use mluc_ipc_types::Point;
+use mluc_model::BlindSector;
 use serde::{Deserialize, Serialize};
 
 use content::Content;
@@ -227,6 +228,11 @@ impl Estimator {
         &self.elevations
     }
 
+    /// What the robot's own body hides, for a profile.
+    pub fn blind(&self) -> Vec<BlindSector> {
+        self.directions.blind()
+    }
+
     /// Looks at a scan: its finite points, and how many more were none. About 5 ms for 120,000 points.
     pub fn look(&mut self, points: &[Point], not_finite: u32) {
         self.content.add_scan(points, not_finite, SAMPLE);
@@ -244,7 +250,7 @@ impl Estimator {
             }
             if number % SAMPLE == 0 && range_m > 0.0 {
                 let on = level.map_or(z, |l| l.plane.above_m([x, y, z]) as f32);
-                self.directions.add([x, y], range_m, on < 0.25);
+                self.directions.add([x, y, z], range_m, on < 0.25);
             }
         }
         self.directions.end_scan();
@@ -262,7 +268,7 @@ impl Estimator {
 
     /// Which way is up, and the plane of the ground, seen so.
     fn look_for_ground(&mut self, points: impl Iterator<Item = [f32; 3]> + Clone) -> Option<Level> {
-        let along_z = self.finder.find(points.clone());
+        let along_z = self.finder.below(points.clone());
         let share = along_z.map_or(0.0, |level| level.share);
         let mut best = (Up::Z, along_z);
         if share < LEVEL_SHARE_POOR {

@@ -27,9 +27,10 @@ pub struct Nearest {
 
 impl SensorEstimate {
     /// How far the beams lie from a profile's, degrees: the mean of both ways to the nearest; the profile's beams above the found field have no say (they
-    /// see the sky). `None` where there is nothing to compare.
+    /// see the sky), lines that wave have no peaks. `None` where there is nothing to compare.
     pub fn distance_deg(&self, profile: &SensorProfile) -> Option<f32> {
-        if self.elevations_deg.is_empty() || profile.units.len() > 1 {
+        let has_peaks = profile.units.len() < 2 && profile.wave.is_none();
+        if self.elevations_deg.is_empty() || !has_peaks {
             return None;
         }
         let mean = |from: &[f32], to: &[f32], top_deg: f32| {

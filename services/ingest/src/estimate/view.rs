@@ -2,7 +2,7 @@
 //! the ground is there. It needs no full look: every seventh point of a few scans a second.
 
 use mluc_ipc_types::{Point, Status};
-use mluc_model::SensorProfile;
+use mluc_model::{SensorProfile, degrees_off};
 
 use super::{GROUND_SHARE_MIN, HEIGHT_M, SAMPLE, level::LevelFinder};
 
@@ -96,7 +96,7 @@ impl View {
         for (kept, count) in self.sectors.iter_mut().zip(counts) {
             kept.look(count as f32);
         }
-        let level = self.finder.find(sample.map(|p| [p.x_m, p.y_m, p.z_m]));
+        let level = self.finder.below(sample.map(|p| [p.x_m, p.y_m, p.z_m]));
         let is_ground = level
             .is_some_and(|level| level.share >= GROUND_SHARE_MIN && level.z_m() < -HEIGHT_M.start);
         self.ground.look(f32::from(u8::from(is_ground)));
@@ -130,13 +130,13 @@ impl View {
     }
 }
 
-/// Sectors that lie in the profile's field as a whole.
+/// Sectors that lie in the profile's field as a whole, and in which the own body leaves the horizon free.
 fn field(sensor: &SensorProfile) -> u64 {
     let [middle_deg, width_deg] = sensor.field_deg.unwrap_or([0.0, 360.0]);
     let is_inside = |sector: &usize| {
         let center_deg = (*sector as f32 + 0.5) * SECTOR_DEG;
-        let off_deg = (center_deg - middle_deg + 540.0).rem_euclid(360.0) - 180.0;
-        off_deg.abs() + SECTOR_DEG / 2.0 <= width_deg / 2.0
+        let is_inside = degrees_off(center_deg, middle_deg) + SECTOR_DEG / 2.0 <= width_deg / 2.0;
+        is_inside && !sensor.hides(center_deg)
     };
     let sectors = (0..Status::SECTORS).filter(is_inside);
     sectors.map(|sector| 1 << sector).sum()
@@ -145,6 +145,7 @@ fn field(sensor: &SensorProfile) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mluc_model::BlindSector;
 
     /// Rings on the ground below the sensor in the sectors `from..to`.
     fn ring(from: usize, to: usize) -> Vec<Point> {
@@ -219,6 +220,14 @@ mod tests {
         };
         let mut view = View::new(Some(&ahead));
         assert_eq!(view.expected().count_ones(), 12);
+        let mast = SensorProfile {
+            blind: vec![BlindSector {
+                azimuth_deg: [0.0, 20.0],
+                below_deg: 90.0,
+            }],
+            ..ahead.clone()
+        };
+        assert_eq!(View::new(Some(&mast)).expected().count_ones(), 10);
         let left = ring(0, 6);
         let right = ((1 << 36) - 1) ^ ((1 << 30) - 1);
         assert_eq!(looked(&mut view, &left), (right, false));

@@ -51,15 +51,12 @@ pub(crate) fn run(arguments: SensorArguments) -> Result<()> {
 
 /// What a profile says, and its picture.
 fn show(profile: &SensorProfile, picture: Option<&Path>) -> Result<()> {
-    let beams = &profile.elevations_deg;
+    let beams = profile.elevations_deg.len() * profile.units.len().max(1);
     let [near_m, far_m] = profile.range_m;
+    let [top_deg, bottom_deg] = profile.vertical_field_deg();
     print_out(format_args!(
-        "{}: {} beams, {:.1} to {:.1} degrees, columns {} degrees apart, range {near_m} to {far_m} m",
-        profile.name,
-        beams.len() * profile.units.len().max(1),
-        beams[0],
-        beams[beams.len() - 1],
-        profile.azimuth_step_deg
+        "{}: {beams} beams, {top_deg:.1} to {bottom_deg:.1} degrees, columns {} degrees apart, range {near_m} to {far_m} m",
+        profile.name, profile.azimuth_step_deg
     ))?;
     let cars = picture::CARS_M.iter().zip(picture::rings_on_cars(profile));
     let cars: Vec<String> = cars.map(|(m, rings)| format!("{rings} at {m} m")).collect();
@@ -93,7 +90,11 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
             input.display()
         );
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
-        let text = toml::to_string(&found.profile(&name))?;
+        let profile = SensorProfile {
+            blind: estimator.blind(),
+            ..found.profile(&name)
+        };
+        let text = toml::to_string(&profile)?;
         // What cannot be read back must not be written.
         SensorProfile::parse(&text, &path.display().to_string())?;
         write_out(path, text.as_bytes())?;
@@ -142,21 +143,31 @@ fn print(found: &SensorEstimate, name: &str, other: &SensorProfile) -> Result<()
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mluc_model::BlindSector;
 
     #[test]
     fn a_made_up_sensor_comes_back_as_a_profile_and_a_picture() {
         let folder = tempfile::tempdir().expect("a folder");
-        // 16 beams 2 degrees apart over flat ground 1 m below, a wall 20 m around.
+        // 16 beams 2 degrees apart over flat ground 1 m below, a wall 20 m around, a part of the robot to the left.
         let ray = |n: usize| {
             let deg = 15.0 - 2.0 * (n % 16) as f32;
-            let (sin, cos) = ((n / 16) as f32 * 0.4).to_radians().sin_cos();
+            let azimuth_deg = (n / 16) as f32 * 0.4;
+            let (sin, cos) = azimuth_deg.to_radians().sin_cos();
             let tan = deg.to_radians().tan();
-            let distance = if tan < -0.05 { 1.0 / -tan } else { 20.0 };
+            let is_robot = (80.0..100.0).contains(&azimuth_deg) && (0.0..4.0).contains(&deg);
+            let distance = match tan {
+                _ if is_robot => 1.0,
+                ..-0.05 => 1.0 / -tan,
+                _ => 20.0,
+            };
             [distance * cos, distance * sin, distance * tan, 0.5]
         };
         let points: Vec<[f32; 4]> = (0..16 * 900).map(ray).collect();
         let bytes = mluc_dataset::scan_bytes(&points);
-        std::fs::write(folder.path().join("0.bin"), bytes).expect("written");
+        for scan in 0..3 {
+            let path = folder.path().join(format!("{scan}.bin"));
+            std::fs::write(path, &bytes).expect("written");
+        }
         let [out, picture] = ["mine.toml", "mine.png"].map(|name| folder.path().join(name));
         let arguments = SensorArguments {
             input: Some(folder.path().to_path_buf()),
@@ -172,6 +183,11 @@ mod tests {
         assert!((profile.azimuth_step_deg - 0.4).abs() < 0.02, "{profile:?}");
         let height_m = profile.height_m.expect("a ground");
         assert!((height_m - 1.0).abs() < 0.1, "{height_m}");
+        let own_body = BlindSector {
+            azimuth_deg: [90.0, 20.0],
+            below_deg: 5.0,
+        };
+        assert_eq!(profile.blind, [own_body]);
         let picture = std::fs::read(picture).expect("a picture");
         assert!(picture.starts_with(b"\x89PNG"));
     }

@@ -1,8 +1,10 @@
 //! Elevations of a sensor's beams: some scans' returns beside another sensor, or a profile and what it sees of cars.
 
+use std::f32::consts::TAU;
+
 use mluc_gateway::picture::{Canvas, Color};
 use mluc_ingest::estimate::{SensorEstimate, elevations::bin_deg};
-use mluc_model::SensorProfile;
+use mluc_model::{SensorProfile, Wave};
 
 const GROUND: Color = [11, 15, 22];
 const TEXT: Color = [168, 180, 196];
@@ -22,6 +24,7 @@ const MARGIN_DEG: f32 = 2.0;
 /// The cars that a profile is shown with: how far away and how high, m.
 pub(super) const CARS_M: [f32; 5] = [10.0, 20.0, 30.0, 40.0, 50.0];
 const CAR_HEIGHT_M: f32 = 1.5;
+const CAR_WIDTH_M: f32 = 1.8;
 /// Where a profile names no height, m.
 const SENSOR_HEIGHT_M: f32 = 1.8;
 
@@ -69,6 +72,24 @@ impl Plot {
             self.canvas.line([from_x, y], [to_x, y], 1.0, color, 1.0);
         }
     }
+
+    /// A tenth of a turn of lines that wave.
+    fn waves(&mut self, wave: Wave, profile: &SensorProfile) {
+        let lines = profile.elevations_deg.len() as f32;
+        for (number, &middle_deg) in profile.elevations_deg.iter().enumerate() {
+            let at = |x: f32| {
+                let tenths = (x - LEFT) / (RIGHT - LEFT);
+                let turns = wave.a_turn * tenths / 10.0 + number as f32 / lines;
+                let up_deg = wave.height_deg * (TAU * turns).sin();
+                [x, self.y(middle_deg + up_deg)]
+            };
+            let xs = LEFT as usize..RIGHT as usize;
+            let points: Vec<[f32; 2]> = xs.map(|x| at(x as f32)).collect();
+            for ends in points.windows(2) {
+                self.canvas.line(ends[0], ends[1], 1.0, BEAM, 1.0);
+            }
+        }
+    }
 }
 
 /// Left the returns by elevation and the beams found in them, right the other sensor's.
@@ -110,20 +131,27 @@ fn car_deg(profile: &SensorProfile, away_m: f32) -> [f32; 2] {
     [0.0, CAR_HEIGHT_M].map(|top_m| ((top_m - sensor_m) / away_m).atan().to_degrees())
 }
 
-/// Beams that a level sensor has on a car at each of [`CARS_M`].
+/// Beams that a level sensor has on a car at each of [`CARS_M`]; of lines that wave, how often they cross it.
 pub(super) fn rings_on_cars(profile: &SensorProfile) -> [usize; 5] {
     let units = profile.units.len().max(1);
     CARS_M.map(|away_m| {
         let [low, high] = car_deg(profile, away_m);
+        let up_deg = profile.wave.map_or(0.0, |wave| wave.height_deg);
         let beams = profile.elevations_deg.iter();
-        units * beams.filter(|deg| (low..high).contains(*deg)).count()
+        let reach = |deg: &&f32| (low - up_deg..high + up_deg).contains(*deg);
+        let beams = units * beams.filter(reach).count();
+        let share_of_turn = (CAR_WIDTH_M / away_m).atan() / TAU;
+        let crossings = |wave: Wave| 2.0 * wave.a_turn * share_of_turn * beams as f32;
+        profile
+            .wave
+            .map_or(beams, |wave| crossings(wave).round() as usize)
     })
 }
 
 /// The beams of a profile, and cars 10 to 50 m away in front of them.
 pub(super) fn of_profile(profile: &SensorProfile) -> Canvas {
     let beams = &profile.elevations_deg;
-    let [top, bottom] = [beams[0], beams[beams.len() - 1]];
+    let [top, bottom] = profile.vertical_field_deg();
     let what = format!(
         "{} beams, {top:.1} to {bottom:.1} degrees, columns {} degrees apart",
         beams.len() * profile.units.len().max(1),
@@ -133,9 +161,12 @@ pub(super) fn of_profile(profile: &SensorProfile) -> Canvas {
     let cars = format!("rings on a car 10 to 50 m away, sensor {sensor_m} m high:");
     let titles = [(profile.name.clone(), BEAM), (what, TEXT), (cars, OTHER)];
     let [low_deg, high_deg] = car_deg(profile, CARS_M[0]);
-    let ends = beams.iter().copied().chain([low_deg, high_deg]);
+    let ends = [top, bottom, low_deg, high_deg].into_iter();
     let mut plot = Plot::new(ends, titles);
-    plot.beams(LEFT, RIGHT, beams, BEAM);
+    match profile.wave {
+        Some(wave) => plot.waves(wave, profile),
+        None => plot.beams(LEFT, RIGHT, beams, BEAM),
+    }
     for (at, (away_m, rings)) in CARS_M.iter().zip(rings_on_cars(profile)).enumerate() {
         let x = LEFT + 30.0 + 160.0 * at as f32;
         let [low, high] = car_deg(profile, *away_m).map(|deg| plot.y(deg) as i64);
