@@ -6,7 +6,6 @@ use std::path::Path;
 
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, judge, unknown_classes};
-use mluc_ingest::unpack;
 use mluc_model::Model;
 use mluc_refiner::Settings;
 use mluc_tests::{NO_CAMERA, root, write_file};
@@ -29,15 +28,14 @@ fn scans(folder: &Path) -> FrameSet {
     for assets in ["services/mluc/assets", "tests/assets/kitti"].map(|assets| root().join(assets)) {
         let calibration = std::fs::read(assets.join("calibration"));
         let calibration = calibration.unwrap_or(NO_CAMERA.into());
-        for entry in std::fs::read_dir(assets).expect("assets").flatten() {
+        for entry in std::fs::read_dir(&assets).expect("assets").flatten() {
             let path = entry.path();
-            if path.extension().is_some_and(|kind| kind == "scan") {
-                let name = path.file_stem().expect("a name").to_string_lossy();
-                let read = |path: &Path| std::fs::read(path).expect("an asset");
-                let points = unpack(&read(&path)).expect("a packed scan");
-                let scan = bytemuck::cast_slice(&points);
-                write(&format!("velodyne/{name}.bin"), scan);
-                let labels = read(&path.with_extension("txt"));
+            let file = path.file_name().expect("a name").to_string_lossy();
+            if let Some(name) = file.strip_suffix(".bin.zst") {
+                let read = |name: &str| std::fs::read(assets.join(name)).expect("an asset");
+                let scan = zstd::decode_all(&read(&file)[..]).expect("a packed scan");
+                write(&format!("velodyne/{name}.bin"), &scan);
+                let labels = read(&format!("{name}.txt"));
                 write(&format!("label_2/{name}.txt"), &labels);
                 write(&format!("calib/{name}.txt"), &calibration);
             }

@@ -1,7 +1,6 @@
 //! Several LiDARs as one frame: halves of scans give the objects of the whole ones; without a sensor the frames go on.
 
 use mluc_dataset::scan_bytes;
-use mluc_ingest::unpack;
 use mluc_tests::{Finished, Running, Setting, root, write_file};
 use serde_json::Value;
 
@@ -14,9 +13,10 @@ fn write_scans(setting: &Setting) {
     // A point of the first sensor as the second one sees it.
     let in_rear = |&[x, y, z, intensity]: &[f32; 4]| [y - 0.5, x + 1.5, -z - 0.25, intensity];
     for name in ["000010", "000080", "000209", "000380"] {
-        let path = root().join(format!("services/mluc/assets/{name}.scan"));
-        let points = unpack(&std::fs::read(path).expect("a scan")).expect("points");
-        let points = points.iter().map(|p| [p.x_m, p.y_m, p.z_m, p.intensity]);
+        let path = root().join(format!("services/mluc/assets/{name}.bin.zst"));
+        let bytes = zstd::decode_all(std::fs::File::open(path).expect("a scan")).expect("points");
+        let points = bytes.chunks_exact(16);
+        let points = points.map(bytemuck::pod_read_unaligned::<[f32; 4]>);
         let (front, rear): (Vec<_>, Vec<_>) = points.partition(|p| p[0] > p[1]);
         let moved: Vec<_> = rear.iter().map(in_rear).collect();
         let whole = [&front[..], &rear].concat();

@@ -6,8 +6,6 @@
 mod decode;
 pub mod estimate;
 mod guard;
-mod packed;
 
 pub use decode::{DecodeReport, POINT_BYTES, bin_points, decode_bin, inspect_bin};
 pub use guard::{Expected, Guard, Reason};
-pub use packed::{PackedError, pack, unpack};

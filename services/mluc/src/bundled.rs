@@ -4,14 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use mluc_ingest::unpack;
 
-/// A scan of `assets/`: its name, its packed points (`mluc_ingest::unpack`) and its labels.
+/// A scan of `assets/`: its name, its points (KITTI's `.bin`, packed with zstd) and its labels.
 macro_rules! bundled {
     ($name:literal) => {
         (
             $name,
-            include_bytes!(concat!("../assets/", $name, ".scan")).as_slice(),
+            include_bytes!(concat!("../assets/", $name, ".bin.zst")).as_slice(),
             include_str!(concat!("../assets/", $name, ".txt")),
         )
     };
@@ -35,9 +34,9 @@ impl BundledScans {
         let folder = std::env::temp_dir().join(format!("mluc-{purpose}-{}", std::process::id()));
         let scans = BundledScans { folder };
         for (name, bytes, labels) in SCANS {
-            let points = unpack(bytes).with_context(|| format!("bundled scan {name}"))?;
-            let file = format!("{name}.bin");
-            scans.file("velodyne", &file, bytemuck::cast_slice(&points))?;
+            let points = zstd::decode_all(bytes);
+            let points = points.with_context(|| format!("bundled scan {name}"))?;
+            scans.file("velodyne", &format!("{name}.bin"), &points)?;
             scans.file("label_2", &format!("{name}.txt"), labels.as_bytes())?;
         }
         Ok(scans)

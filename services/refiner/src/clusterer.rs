@@ -157,10 +157,10 @@ mod tests {
 
     /// Simulated scans that the programs bring along.
     const SCANS: [&str; 4] = [
-        "services/mluc/assets/000010.scan",
-        "services/mluc/assets/000380.scan",
-        "tests/assets/kitti/000003.scan",
-        "tests/assets/kitti/000031.scan",
+        "services/mluc/assets/000010.bin.zst",
+        "services/mluc/assets/000380.bin.zst",
+        "tests/assets/kitti/000003.bin.zst",
+        "tests/assets/kitti/000031.bin.zst",
     ];
 
     /// Candidates around random points of the scan.
@@ -208,7 +208,7 @@ mod tests {
         let (mut matched, mut cells) = (0, [0, 0]);
         for name in SCANS {
             let bytes = std::fs::read(root.join(name)).expect("a bundled scan");
-            let scan = mluc_ingest::unpack(&bytes).expect("a packed scan");
+            let scan = crate::testing::unpacked(&bytes);
             let frame = crate::testing::sorted(&scan);
             // A corridor is a known object's.
             let is_known: Vec<bool> = scan.iter().map(|p| (5.0..6.0).contains(&p.y_m)).collect();

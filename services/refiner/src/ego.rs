@@ -267,12 +267,11 @@ mod tests {
     use mluc_ipc_types::Point;
 
     use super::*;
-    use crate::testing::sorted;
+    use crate::testing::{sorted, unpacked};
 
     /// A simulated scan that the program brings along, seen from a pose.
     fn seen_from(pose: &Isometry2<f64>) -> FrameIndex {
-        let bytes = include_bytes!("../../mluc/assets/000380.scan");
-        let mut scan = mluc_ingest::unpack(bytes).expect("a packed scan");
+        let mut scan = unpacked(include_bytes!("../../mluc/assets/000380.bin.zst"));
         for Point { x_m, y_m, .. } in &mut scan {
             let at = pose.inverse() * nalgebra::Point2::new(f64::from(*x_m), f64::from(*y_m));
             (*x_m, *y_m) = (at.x as f32, at.y as f32);

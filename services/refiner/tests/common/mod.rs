@@ -2,9 +2,7 @@
 #![allow(dead_code)]
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::{
-    Detection, DetectionKind, Disposition, FrameHeader, OBJECT_POINTS_MAX, Object, Point,
-};
+use mluc_ipc_types::{Detection, DetectionKind, Disposition, FrameHeader, Object, Point};
 use mluc_model::Beams;
 use mluc_refiner::{Refiner, RefinerOutput, Sensor, Settings, Variant};
 
@@ -142,16 +140,13 @@ pub(crate) fn box_of(object: &Object) -> Box3 {
 
 /// What every answer keeps, whatever the input: the contract's own checks, one object a detection and second readings behind, every index inside.
 pub(crate) fn assert_sound(points: &[Point], detections: &[Detection], out: &RefinerOutput) {
-    Object::checked(&FrameHeader::new(0, "test"), &out.objects, 4).expect("sound objects");
+    let header = FrameHeader::new(0, "test");
+    Object::checked(&header, &out.objects, 4).expect("sound objects");
+    Object::checked_points(&header, &out.object_points, points.len()).expect("sound indices");
+    Object::checked_ranges(&out.objects, out.object_points.len()).expect("sound ranges");
     let count = detections.len().min(512);
     assert!((count..=512).contains(&out.objects.len()));
     assert!(out.objects[count..].iter().all(|o| o.kind == 0));
-    assert!(out.object_points.len() <= OBJECT_POINTS_MAX);
-    let is_inside = |&i: &u32| (i as usize) < points.len();
-    assert!(out.object_points.iter().all(is_inside));
-    for object in &out.objects {
-        let end = object.points_first + object.points_count;
-        assert!(end as usize <= out.object_points.len());
-        assert!(object.footprint_m.iter().flatten().all(|v| v.is_finite()));
-    }
+    let mut corners = out.objects.iter().flat_map(|o| o.footprint_m).flatten();
+    assert!(corners.all(f32::is_finite));
 }

@@ -65,18 +65,13 @@ pub(super) fn findings(
         findings.push((Warning, text));
     }
     if found.points == 0 {
-        findings.push((
-            Failure,
-            match source.is_live() {
-                true => {
-                    let silence = source.silence().unwrap_or_default();
-                    format!(
-                        "no scan of a known sensor came within 5 s: does it send here? {silence}"
-                    )
-                }
-                false => "no points in these scans: are the columns as --columns says?".into(),
-            },
-        ));
+        let silence = source.silence().unwrap_or_default();
+        let text = if source.is_live() {
+            format!("no scan of a known sensor came within 5 s: does it send here? {silence}")
+        } else {
+            "no points in these scans: are the columns as --columns says?".to_string()
+        };
+        findings.push((Failure, text));
     }
     let command = match reasons[..] {
         [] => command(found, expected),
