@@ -94,19 +94,14 @@ impl Calibration {
 
     /// A sensor without a camera: axes swapped, no shift, P2 all 0 (what the simulator's full-circle frames carry).
     pub fn without_camera() -> Calibration {
-        let linear = [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]];
-        let inverse = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]];
-        let [rect_from_sensor, sensor_from_rect] = [linear, inverse].map(|linear| Affine {
-            linear,
-            offset: [0.0; 3],
-        });
-        Calibration {
-            p2: [[0.0; 4]; 3],
-            r0_rect: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-            velo_to_cam: linear.map(|row| [row[0], row[1], row[2], 0.0]),
-            rect_from_sensor,
-            sensor_from_rect,
-        }
+        let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let axes = [
+            [0.0, -1.0, 0.0, 0.0],
+            [0.0, 0.0, -1.0, 0.0],
+            [1.0, 0.0, 0.0, 0.0],
+        ];
+        let swapped = Calibration::new([[0.0; 4]; 3], identity, axes);
+        swapped.expect("an invertible map")
     }
 
     /// KITTI's matrices with their names, row by row: the left colour camera's projection, px; the rectifying rotation; camera 0 from sensor, m.

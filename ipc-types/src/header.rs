@@ -110,34 +110,11 @@ impl Flags {
     /// [`Flags::INPUT_SUSPECT`] for a sensor that is not the given one.
     pub const SUSPECT_SENSOR: Flags = Flags(1 << 25 | Flags::INPUT_SUSPECT.0);
 
-    const NAMES: [&'static str; 26] = [
-        "late",
-        "truncated",
-        "degraded",
-        "limit_hit",
-        "resent",
-        "not_finite",
-        "damaged_input",
-        "points_gone",
-        "empty",
-        "input_suspect",
-        "limit_voxels",
-        "limit_candidates",
-        "limit_detections",
-        "limit_object_points",
-        "limit_work",
-        "suspect_points",
-        "suspect_unit",
-        "suspect_axes",
-        "suspect_height",
-        "suspect_tilt",
-        "suspect_beams",
-        "suspect_field",
-        "suspect_range",
-        "suspect_intensity",
-        "suspect_frozen",
-        "suspect_sensor",
-    ];
+    /// By bit.
+    const NAMES: &str = "late truncated degraded limit_hit resent not_finite damaged_input points_gone empty input_suspect \
+        limit_voxels limit_candidates limit_detections limit_object_points limit_work suspect_points suspect_unit \
+        suspect_axes suspect_height suspect_tilt suspect_beams suspect_field suspect_range suspect_intensity \
+        suspect_frozen suspect_sensor";
 
     /// Both sets.
     pub fn with(self, other: Flags) -> Flags {
@@ -151,7 +128,7 @@ impl Flags {
 
     /// Names of the set bits, in order.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
-        let names = Flags::NAMES.into_iter().enumerate();
+        let names = Flags::NAMES.split(' ').enumerate();
         names.filter_map(move |(bit, name)| (self.0 >> bit & 1 == 1).then_some(name))
     }
 }

@@ -96,6 +96,12 @@ impl Finished {
         assert_eq!(found, (Some(code), lines), "{}", self.log);
     }
 
+    /// Fails unless it ended well; a loaded machine may have lost frames.
+    #[track_caller]
+    pub fn assert_ended_well(&self) {
+        assert!(matches!(self.code, Some(0 | 3)), "{}", self.log);
+    }
+
     /// Fails unless it ended with this code after exactly the frames 0, 1, 2 and so on, each once and in order.
     #[track_caller]
     pub fn assert_complete(&self, code: i32, frames: u64) {

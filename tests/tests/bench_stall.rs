@@ -30,7 +30,7 @@ fn stalled(stage: &str) -> (Value, Vec<f64>) {
     std::thread::sleep(STALL);
     send_signal(process, Signal::CONT);
     let finished = run.finish_within(Duration::from_secs(120));
-    assert!(matches!(finished.code, Some(0 | 3)), "{}", finished.log);
+    finished.assert_ended_well();
     let out = setting.report();
     (read_json(&out.join("report.json")), latencies_us(&out))
 }

@@ -2,7 +2,8 @@
 
 use std::fs;
 
-use mluc_ipc_types::{FrameHeader, Point};
+use mluc_dataset::read_scan;
+use mluc_ipc_types::FrameHeader;
 use mluc_refiner::{EgoEstimator, FrameIndex};
 use mluc_simulate::{ExportOptions, Family, Split, export};
 
@@ -30,16 +31,10 @@ fn the_motion_of_a_second_is_known_to_centimetres_by_one_sensor_and_by_any() {
             let mut last = None;
             for index in first..first + SCANS {
                 let path = out.join(format!("velodyne/{index:06}.bin"));
-                let scan = fs::read(path).expect("a scan");
-                let points = scan
-                    .chunks_exact(size_of::<Point>())
-                    .map(bytemuck::pod_read_unaligned);
-                frame.sort(&points.collect::<Vec<Point>>());
+                let scan = read_scan(&path).expect("a scan");
+                frame.sort(bytemuck::cast_slice(&scan));
                 let sequence = (index - first) as u64;
-                let header = FrameHeader {
-                    sequence,
-                    ..FrameHeader::default()
-                };
+                let header = FrameHeader::new(sequence, "");
                 last = estimator.estimate(&header, Some(&frame));
                 lost += u32::from(last.is_none() && sequence > 0);
             }

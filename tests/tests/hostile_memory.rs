@@ -85,9 +85,7 @@ fn rewrite<T: Payload>(shell: &Shell, input: &mut Input<T>) {
 fn objects_and_their_points_that_change_after_their_publication_harm_nobody() {
     let setting = Setting::new("rewritten", 2);
     let mut run = setting.up("--loop");
-    let out = setting.folder.path().join("run.mcap").display().to_string();
-    let mut record = Running::mluc(["record", "--out", &out, "--instance", &setting.instance]);
-    record.wait_for_words("Ctrl-C ends it");
+    let (record, _) = setting.start_record("run.mcap", "");
     run.wait_for_lines(1);
     let (shell, mut input) = consumer(&setting);
     rewrite(&shell, &mut input);
@@ -96,8 +94,7 @@ fn objects_and_their_points_that_change_after_their_publication_harm_nobody() {
     drop((input, shell));
     run.wait_for_lines(10);
     record.signal(Signal::TERM);
-    let record = record.finish();
-    assert!(matches!(record.code, Some(0 | 3)), "{}", record.log);
+    record.finish().assert_ended_well();
     let finished = setting.stop(run);
     finished.assert_says(&["stages restarted: 0"]);
     let mut lines = finished.lines.iter();

@@ -1,24 +1,18 @@
 //! `mluc record --stages` and `mluc replay` at any stage.
 
-use mluc_tests::{Finished, Running, Setting};
+use mluc_tests::{Finished, Setting};
 use rustix::process::Signal;
 
 #[test]
 fn a_recording_with_stages_is_replayed_from_each_of_them() {
     let setting = Setting::new("replay", 6);
     let record = |name: &str, options: &str| {
-        let path = setting.folder.path().join(name).display().to_string();
-        let instance = &setting.instance;
-        let words = format!("record --out {path} --instance {instance} {options}");
-        let mut record = Running::mluc(words.split_whitespace());
-        record.wait_for_words("Ctrl-C ends it");
+        let (record, path) = setting.start_record(name, options);
         let mut run = setting.up("--pace sensor --rate 5 --loop");
         run.wait_for_lines(8);
         run.stop();
         record.signal(Signal::TERM);
-        let record = setting.finish(record);
-        // 3: a loaded machine lost frames.
-        assert!(matches!(record.code, Some(0 | 3)), "{}", record.log);
+        setting.finish(record).assert_ended_well();
         path
     };
     let replay = |path: &str, options: &str| setting.replay(path, options);

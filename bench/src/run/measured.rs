@@ -1,19 +1,43 @@
-//! All rounds, and the report of them.
+//! This build: all rounds of one pipeline, and the report of them.
+
+use std::process::ExitCode;
 
 use anyhow::Result;
 use indicatif::ProgressBar;
+use mluc::{EXIT_WARNINGS, terminal::print_out};
 use serde_json::{Value, json};
 
 use super::pipeline::{Recording, record};
-use super::{plan::Plan, quiet::Quiet, round::frames};
+use super::{folder, plan::Plan, progress, quiet::Quiet, round::frames};
 use crate::machine::{describe_build, describe_machine};
-use crate::report::{FrameRecord, HOPS, Resources, STAGES, number, render, report_of};
+use crate::report::{FrameRecord, HOPS, Resources, STAGES, number, render, report_of, table};
+
+pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
+    let out = &plan.args.out;
+    folder::make(out)?;
+    let progress = progress();
+    let (mut quiet, mut measured) = (Quiet::new(), Measured::default());
+    for round in 0..plan.rounds {
+        measured.add_round(plan, round, &mut quiet, &progress)?;
+        if measured.is_interrupted {
+            break;
+        }
+    }
+    let report = measured.report(plan, &quiet)?;
+    drop(progress);
+    folder::write(out, &report, &measured.frames)?;
+    print_out(table(&report)?.trim_end())?;
+    let page = out.join("report.html");
+    print_out(format_args!("report: {}", page.display()))?;
+    let is_flawed = measured.is_flawed(&report);
+    Ok(ExitCode::from(if is_flawed { EXIT_WARNINGS } else { 0 }))
+}
 
 #[derive(Default)]
-pub(crate) struct Measured {
-    pub(crate) frames: Vec<FrameRecord>,
+struct Measured {
+    frames: Vec<FrameRecord>,
     payload_bytes: [u64; 4],
-    pub(crate) is_interrupted: bool,
+    is_interrupted: bool,
     /// By round and stage.
     resources: Vec<[Resources; 4]>,
     is_heard: [bool; 4],
@@ -22,7 +46,7 @@ pub(crate) struct Measured {
 
 impl Measured {
     /// Starts the processes once more.
-    pub(crate) fn add_round(
+    fn add_round(
         &mut self,
         plan: &Plan,
         round: u32,
@@ -55,7 +79,7 @@ impl Measured {
     }
 
     /// Something is in the report that should not be there.
-    pub(crate) fn is_flawed(&self, report: &Value) -> bool {
+    fn is_flawed(&self, report: &Value) -> bool {
         let lost = ["/frames/dropped", "/frames/unanswered"];
         let is_lost = lost.iter().any(|count| number(report, count) > Some(0.0));
         is_lost || self.restarts > 0 || self.is_interrupted
@@ -80,7 +104,7 @@ impl Measured {
     }
 
     /// The whole report.
-    pub(crate) fn report(&self, plan: &Plan, quiet: &Quiet) -> Result<Value> {
+    fn report(&self, plan: &Plan, quiet: &Quiet) -> Result<Value> {
         let mut report = report_of(&self.frames);
         report["title"] = plan.title().into();
         report["quiet"] = quiet.describe();

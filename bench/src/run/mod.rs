@@ -6,7 +6,6 @@ mod arguments;
 mod compare;
 mod folder;
 mod interleaved;
-mod local;
 mod measured;
 mod pipeline;
 mod plan;
@@ -38,7 +37,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
             if plan.args.compares() {
                 interleaved::interleaved(&plan)
             } else {
-                local::measure(&plan)
+                measured::measure(&plan)
             }
         }
     }

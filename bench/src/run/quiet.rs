@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use procfs::{CpuTime, CurrentSI, KernelStats, process::Process};
+use procfs::{CurrentSI, KernelStats, process::Process};
 use serde_json::{Value, json};
 
 use crate::machine::load;
@@ -107,25 +107,15 @@ fn now() -> Ticks {
     let Ok(stats) = KernelStats::current() else {
         return Ticks::default();
     };
-    // Guests are in user and nice already.
-    let CpuTime {
-        user,
-        nice,
-        system,
-        idle,
-        iowait,
-        irq,
-        softirq,
-        steal,
-        ..
-    } = stats.total;
+    let cpu = stats.total;
     let [iowait, irq, softirq, steal] =
-        [iowait, irq, softirq, steal].map(Option::unwrap_or_default);
-    let busy = user + nice + system + irq + softirq;
+        [cpu.iowait, cpu.irq, cpu.softirq, cpu.steal].map(Option::unwrap_or_default);
+    // Guests are in user and nice already.
+    let busy = cpu.user + cpu.nice + cpu.system + irq + softirq;
     Ticks {
         busy,
         steal,
-        all: busy + idle + iowait + steal,
+        all: busy + cpu.idle + iowait + steal,
         switches: stats.ctxt,
         ours,
     }

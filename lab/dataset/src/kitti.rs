@@ -44,18 +44,13 @@ pub struct Splits {
 }
 
 impl Splits {
-    /// The folder that holds `velodyne`, `label_2` and `calib`.
-    pub fn frames_root(&self) -> PathBuf {
-        let inner = self.root.join("training");
-        if inner.is_dir() { &inner } else { &self.root }.clone()
-    }
-
     /// Frames of a split, in the order of its list.
     pub fn open(&self, split: &str) -> Result<Dataset> {
-        let root = self.frames_root();
+        let inner = self.root.join("training");
+        let root = if inner.is_dir() { &inner } else { &self.root };
         let mut places: Vec<PathBuf> = self.folder.clone().into_iter().collect();
         if places.is_empty() {
-            let roots = [Some(&*self.root), Some(&root), self.root.parent()];
+            let roots = [Some(&*self.root), Some(root), self.root.parent()];
             let folders = roots.iter().flatten();
             places = folders.map(|root| root.join("ImageSets")).collect();
             places.dedup();
@@ -63,10 +58,10 @@ impl Splits {
         let lists = places.iter();
         let mut lists = lists.map(|place| place.join(format!("{split}.txt")));
         if let Some(list) = lists.find(|list| list.is_file()) {
-            return Dataset::open_listed(&root, &list);
+            return Dataset::open_listed(root, &list);
         }
         // The scans come first: a folder that is none at all is told as such.
-        Dataset::open(&root)?;
+        Dataset::open(root)?;
         let looked: Vec<String> = places.iter().map(|p| p.display().to_string()).collect();
         let looked = looked.join(", ");
         let place = format!("split {split}");

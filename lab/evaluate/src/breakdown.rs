@@ -35,13 +35,6 @@ pub(crate) fn range_m(upright: &Box3) -> f64 {
     upright.center_m[0].hypot(upright.center_m[1])
 }
 
-/// The range that a box in the camera's axes, made upright, lies in: its number.
-pub(crate) fn range_bin(upright: &Box3) -> usize {
-    let range_m = range_m(upright);
-    let bin = RANGES_M.iter().position(|(end, _)| range_m < *end);
-    bin.unwrap_or(3)
-}
-
 /// AP of each class in each bin: volumes, difficulty hard.
 #[derive(Clone, Debug)]
 pub struct Breakdown {
@@ -59,7 +52,11 @@ type Binned = [Vec<usize>; 2];
 impl Breakdown {
     /// By the distance of the box in the plane.
     pub fn by_range(frames: &[LabelledFrame], rules: &[ClassRule]) -> Breakdown {
-        let bin = |label: &Label| range_bin(&label.camera_box.upright());
+        let bin = |label: &Label| {
+            let range_m = range_m(&label.camera_box.upright());
+            let bin = RANGES_M.iter().position(|(end, _)| range_m < *end);
+            bin.unwrap_or(3)
+        };
         let binned = frames.iter().map(|frame| {
             [&frame.labels[..], &frame.detections].map(|all| all.iter().map(bin).collect())
         });

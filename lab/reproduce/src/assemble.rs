@@ -173,7 +173,7 @@ fn provenance(options: &Options) -> Value {
     let mut settings = options.settings.iter();
     let draws = settings.next().map(|s| options.sizes(*s).resamples);
     let seeded = NETWORKS.iter().filter(|n| n.seeded);
-    let seeded: Vec<&str> = seeded.map(|n| n.network.name()).collect();
+    let seeded: Vec<String> = seeded.map(|n| n.network.name()).collect();
     let training = format!(
         "One long training a setting makes the base network (`{}`); each other network begins with the base's weights and is \
              trained for fewer steps (`osis` with those of `softmax`), so the rows share most of their training. Further seeds ({}) \

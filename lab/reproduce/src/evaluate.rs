@@ -87,7 +87,7 @@ pub(crate) fn evaluate_network(
         let output = run_method(method, &input)?;
         let evaluated = Evaluated {
             key: key.clone(),
-            network: network.name().to_owned(),
+            network: network.name(),
             seed,
             separation: separation.clone(),
             ..judge(&frames, [&rules, &strict], &output, test.resamples)

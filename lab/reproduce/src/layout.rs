@@ -36,7 +36,7 @@ impl Layout {
     }
 
     pub(crate) fn run_of(&self, (setting, network, seed): Run) -> PathBuf {
-        let run = with_seed(network.name(), seed);
+        let run = with_seed(&network.name(), seed);
         self.runs.join(setting.name()).join(run)
     }
 

@@ -9,7 +9,6 @@ mod assemble;
 mod combine;
 mod evaluate;
 mod evaluated;
-mod kitti;
 mod layout;
 pub mod methods;
 mod options;
@@ -22,7 +21,6 @@ mod setting;
 mod simulate;
 mod train;
 
-pub use kitti::KittiSource;
 pub use layout::Layout;
 pub use options::{Options, Screen};
 pub use run::run;

@@ -1,7 +1,7 @@
 //! What a reproduction is asked for, where it shows how far it is, and the frames that its figures are taken on.
 
-use crate::{Layout, Result, Setting, Size, kitti::KittiSource, setting::Sizes};
-use mluc_dataset::{Dataset, data_hash};
+use crate::{Layout, Result, Setting, Size, setting::Sizes};
+use mluc_dataset::{Dataset, Splits, data_hash};
 use mluc_evaluate::pipeline::FrameSet;
 use std::{collections::BTreeMap, path::PathBuf};
 
@@ -29,7 +29,7 @@ pub struct Options {
     /// Folders of recorded scans on which the rows of `sim-kitti` are shown too.
     pub real: Vec<PathBuf>,
     /// KITTI's benchmark, for [`Setting::Kitti`].
-    pub kitti: Option<KittiSource>,
+    pub kitti: Option<Splits>,
 }
 
 impl Options {

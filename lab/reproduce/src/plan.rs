@@ -1,9 +1,10 @@
 //! The steps of a reproduction, in order.
 
 use crate::train::{NETWORKS, NetworkPlan, Training};
-use crate::{Options, Setting};
+use crate::{Layout, Options, Setting};
 use crate::{layout::Run, simulate::Simulation};
-use mluc_dataset::PrepareOptions;
+use mluc_dataset::{PrepareOptions, Splits};
+use mluc_evaluate::pipeline::unknown_classes;
 use mluc_train::NetworkKind;
 
 pub(crate) enum Work {
@@ -23,7 +24,7 @@ pub(crate) struct Step {
 impl Step {
     pub(crate) fn name(&self) -> String {
         let with_seed = |network: NetworkKind, seed: u64| match seed {
-            1 => network.name().to_owned(),
+            1 => network.name(),
             _ => format!("{}, seed {seed}", network.name()),
         };
         let work = match &self.work {
@@ -50,8 +51,8 @@ pub(crate) fn plan(options: &Options) -> Vec<Step> {
         for simulation in Simulation::all(layout, setting, &sizes) {
             add(Work::Simulate(simulation));
         }
-        if let (Setting::Kitti, Some(source)) = (setting, &options.kitti) {
-            for (name, preparation) in source.preparations(layout) {
+        if let (Setting::Kitti, Some(splits)) = (setting, &options.kitti) {
+            for (name, preparation) in preparations(splits, layout) {
                 add(Work::Prepare(name, preparation));
             }
         }
@@ -67,6 +68,28 @@ pub(crate) fn plan(options: &Options) -> Vec<Step> {
     steps
 }
 
+/// KITTI's splits in the trainer's form, by what they are for; training frames have no unknown object, the supervised network sees all of them.
+pub(crate) fn preparations(
+    splits: &Splits,
+    layout: &Layout,
+) -> [(&'static str, PrepareOptions); 3] {
+    let of = |name, split: &str, drop_unknown, what, folder| {
+        let options = PrepareOptions {
+            splits: splits.clone(),
+            split: split.to_owned(),
+            drop_unknown,
+            unknown: unknown_classes(Setting::Kitti.trainer_name()),
+            out: layout.data_of(Setting::Kitti, what).join(folder),
+        };
+        (name, options)
+    };
+    [
+        of("train", "train", true, "", "train"),
+        of("supervised", "train", false, "-supervised", "train"),
+        of("test", "val", false, "", "test"),
+    ]
+}
+
 /// Kinds and seeds, each after what it begins with.
 fn networks(seeds: u64) -> Vec<(&'static NetworkPlan, u64)> {
     let of_seed = |seed| {
@@ -79,7 +102,7 @@ fn networks(seeds: u64) -> Vec<(&'static NetworkPlan, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Layout, Size, methods::METHODS};
+    use crate::{Size, methods::METHODS};
     use std::path::PathBuf;
 
     /// The commands of a full plan of three seeds, and what is evaluated.

@@ -37,14 +37,14 @@ pub(crate) fn real_rows(
         let mut by_network = BTreeMap::new();
         for (row, chosen, judged) in &mut found {
             let name = row.network.name();
-            if !by_network.contains_key(name) {
+            if !by_network.contains_key(&name) {
                 let model = read_model(layout, (test.setting, row.network, chosen.seed))?;
                 screen.count("recorded scans", set.names().len() as u64);
                 let step = || screen.tick();
                 let frames = detect_frames(Precision::default(), &model, &set, step)?;
-                by_network.insert(name, (model, frames));
+                by_network.insert(name.clone(), (model, frames));
             }
-            let (model, frames) = &by_network[name];
+            let (model, frames) = &by_network[&name];
             // The closed set first, as every method has it.
             let closed = chosen.curve.first().map_or(0.0, |point| point.threshold);
             let mut asked = vec![closed, chosen.threshold];

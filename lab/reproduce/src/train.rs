@@ -77,7 +77,7 @@ impl Training {
         let mut add = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
         let text = |path: &Path| path.display().to_string();
         add("--setting", setting.trainer_name().to_owned());
-        add("--network", network.name().to_owned());
+        add("--network", network.name());
         add("--data", text(&layout.data_of(setting, data)));
         add("--out", text(&folder));
         if !is_base {

@@ -80,7 +80,7 @@ impl Chain {
             to.iter_mut().zip(level).for_each(|(to, from)| *to = *from);
         }
         let (p, layers) = (input.parameters, &self.sparse);
-        let (voxels, plans) = (&plan.sparse.voxels, &plan.sparse.layers);
+        let (voxels, plans) = (&plan.voxels, &plan.sparse);
         backward_all(layers, p, voxels, &pass.sparse, plans, gradient, pool);
     }
 }

@@ -7,7 +7,7 @@
 use mluc_backbone::Precision;
 use mluc_dataset::SYNTHETIC_UNKNOWN;
 use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, ModelGate, detect_frames};
-use mluc_geometry::{Box3, Random, intersection_bev_m2, intersection_over_min_area, iou_3d};
+use mluc_geometry::{Box3, Random, intersection_over_min_area, iou_3d};
 use mluc_ipc_types::{Object, Point};
 use mluc_model::{CLUSTER_SCORER_WIDTHS, Manifest, Model};
 use mluc_refiner::cluster_scorer::{FEATURES, features};
@@ -123,11 +123,7 @@ fn examples(
     let mut found = FrameClusters::default();
     FrameClusterer::new(&Settings::default(), sensor)?.find(points, &mut found);
     let example = |cluster: &FrameCluster| {
-        let area = |b: &Box3| b.size_m[0] * b.size_m[1];
-        let share = |bounds: &Box3| {
-            let smaller = area(&cluster.shape).min(area(bounds)).max(1e-9);
-            intersection_bev_m2(&cluster.shape, bounds) / smaller
-        };
+        let share = |bounds: &Box3| intersection_over_min_area(&cluster.shape, bounds);
         let on = |known: bool| {
             let objects = scan.objects.iter();
             let objects = objects.filter(|o| o.trained_class().is_some() == known);

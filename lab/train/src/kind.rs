@@ -48,17 +48,10 @@ pub enum NetworkKind {
 }
 
 impl NetworkKind {
-    /// `metric` and so on.
-    pub fn name(self) -> &'static str {
-        [
-            "metric",
-            "metric-open",
-            "sigmoid",
-            "softmax",
-            "mluc-full",
-            "supervised",
-            "osis",
-        ][self as usize]
+    /// `metric` and so on, as on the command line.
+    pub fn name(self) -> String {
+        let value = self.to_possible_value().expect("no kind is skipped");
+        value.get_name().to_owned()
     }
 
     /// Whether it learns the unknown from synthetic unknown objects.

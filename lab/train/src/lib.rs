@@ -54,4 +54,4 @@ pub use kind::{Architecture, NetworkKind, Setting};
 pub use log::{Progress, TrainEvent};
 pub use osis::train_osis;
 pub use run::Run;
-pub use settings::{TrainSettings, hdl_64e};
+pub use settings::TrainSettings;

@@ -32,8 +32,6 @@ const BACKGROUND_SHARE: f32 = 0.5;
 /// A step's input.
 #[derive(Debug)]
 pub struct Batch {
-    /// Which step.
-    pub step: u64,
     /// Gathers.
     pub plan: Plan,
     /// Labels.
@@ -144,11 +142,7 @@ impl DataLoader {
         let is_sigmoid = network.head == HeadKind::Sigmoid;
         let classes = if is_sigmoid { network.classes } else { 1 };
         let targets = BatchTargets::new(&targets, cells, self.anchors.per_cell(), classes);
-        Ok(Batch {
-            step,
-            plan,
-            targets,
-        })
+        Ok(Batch { plan, targets })
     }
 
     /// The voxels and labels of a step's frames for [another trainer](crate::stream).

@@ -263,7 +263,7 @@ impl Chain {
     /// Runs the network.
     pub fn forward(&self, input: &StepInput, pool: &mut Pool) -> Pass {
         let (p, running) = (input.parameters, input.running);
-        let (voxels, plans) = (&input.plan.sparse.voxels, &input.plan.sparse.layers);
+        let (voxels, plans) = (&input.plan.voxels, &input.plan.sparse);
         let sparse = forward_all(&self.sparse, p, voxels, plans, running, pool);
         let plan = &input.plan.map;
         let map = self.scatter(last(&sparse), plan, pool);

@@ -76,8 +76,8 @@ fn dense(network: &Network, plan: &Plan) -> Plan {
     let cell_of = |(row, z): &(u32, u32)| (plan.map.occupied[*row as usize], *z);
     let scatter: Vec<(u32, u32)> = plan.map.scatter.iter().map(cell_of).collect();
     Plan {
-        sparse: plan.sparse.clone(),
         map: MapPlan::from_cells(network, cells, &scatter),
+        ..plan.clone()
     }
 }
 

@@ -100,14 +100,11 @@ pub fn forward(x: &[f32], affine: [&[f32]; 2], tail: Tail, y: &mut [f32]) -> Sta
     let [gamma, _] = affine;
     let channels = gamma.len();
     let rows = x.len() / channels;
-    let Tail {
-        rows: last,
-        multiplicity,
-    } = tail.of(rows);
-    let weighted = (x.len() - last * channels, multiplicity);
+    let tail = tail.of(rows);
+    let weighted = (x.len() - tail.rows * channels, tail.multiplicity);
     let powers = |v: f32, _, _| [f64::from(v), f64::from(v) * f64::from(v)];
     let [sum, square] = reduce([x, x], gamma, weighted, powers);
-    let count = (rows - last + last * multiplicity) as f64;
+    let count = (rows - tail.rows + tail.rows * tail.multiplicity) as f64;
     let mean: Vec<f64> = sum.iter().map(|s| s / count.max(1.0)).collect();
     let variance = |(q, m): (&f64, &f64)| (q / count.max(1.0) - m * m).max(0.0) as f32;
     let statistics = Statistics {
@@ -243,10 +240,8 @@ mod tests {
                 let expected: Vec<f32> = expected.map(|y| y.max(0.0) as f32).collect();
                 let y: Vec<f32> = found.y.iter().skip(c).step_by(channels).copied().collect();
                 assert_near(&y, &expected, 1e-4);
-                let Statistics {
-                    mean: m, var: v, ..
-                } = &found.statistics;
-                assert_near(&[m[c], v[c]], &[mean as f32, var as f32], 1e-4);
+                let s = &found.statistics;
+                assert_near(&[s.mean[c], s.var[c]], &[mean as f32, var as f32], 1e-4);
             }
         }
     }

@@ -7,15 +7,6 @@ use mluc_model::{DenseLayer, Network, VoxelInput};
 use crate::halo::{self, Cells, Unlisted};
 use crate::layers::{LayerPlan, identity};
 
-/// The sparse part of a batch: frames' rows one after another.
-#[derive(Clone, Debug, Default)]
-pub struct SparsePlan {
-    /// Mean x, y, z, intensity of each voxel.
-    pub voxels: Vec<f32>,
-    /// Layer by layer.
-    pub layers: Vec<LayerPlan>,
-}
-
 /// The bird's-eye part of a batch.
 #[derive(Clone, Debug, Default)]
 pub struct MapPlan {
@@ -38,12 +29,14 @@ pub struct MapPlan {
     pub up2_row: Vec<u32>,
 }
 
-/// Both parts.
+/// Both parts, frames' rows one after another.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// 3-D.
-    pub sparse: SparsePlan,
-    /// 2-D.
+    /// Mean x, y, z, intensity of each voxel.
+    pub voxels: Vec<f32>,
+    /// The sparse part, layer by layer.
+    pub sparse: Vec<LayerPlan>,
+    /// The bird's-eye part.
     pub map: MapPlan,
 }
 
@@ -179,9 +172,9 @@ impl Planner {
             gather,
             ..LayerPlan::default()
         };
-        let layers = gathers.into_iter().enumerate().map(layer).collect();
         Plan {
-            sparse: SparsePlan { voxels, layers },
+            voxels,
+            sparse: gathers.into_iter().enumerate().map(layer).collect(),
             map: MapPlan::new(&self.network, scans.len(), &scatter),
         }
     }

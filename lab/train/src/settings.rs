@@ -120,15 +120,12 @@ impl TrainSettings {
 
     /// Classes that the network learns.
     pub fn classes(&self) -> usize {
-        let unknown = if self.kind == NetworkKind::Supervised {
-            self.setting.unknown_classes().len()
-        } else {
-            0
-        };
-        if self.known.is_empty() {
-            return self.setting.classes() + unknown;
+        if !self.known.is_empty() {
+            return self.known.len();
         }
-        self.known.len()
+        let is_supervised = self.kind == NetworkKind::Supervised;
+        let unknown = self.setting.unknown_classes().len();
+        self.setting.classes() + usize::from(is_supervised) * unknown
     }
 
     /// Synthetic unknown objects pasted into a frame, beside those that the data holds (simulate --synthetic-unknown).
@@ -278,7 +275,7 @@ impl TrainSettings {
 
 /// The beams of a Velodyne HDL-64E (nominal values of public calibrations, as the simulator casts them; real sensors lie
 /// within some 0.1 deg), from the top down, and the step between columns at 10 Hz.
-pub fn hdl_64e() -> Beams {
+fn hdl_64e() -> Beams {
     let upper = (0..32).map(|i| 2.02 - 0.34 * i as f32);
     let lower = (0..32).map(|i| -8.95 - 0.5084 * i as f32);
     Beams {

@@ -21,7 +21,6 @@ fn batch(step: u64) -> Batch {
         point[0] += 0.02 * ((step as usize * 7 + number) % 5) as f32;
     }
     Batch {
-        step,
         plan: Planner::new(&network).plan(&scans),
         targets: targets(&network),
     }
@@ -38,10 +37,6 @@ fn trainer_of(network: &Network, steps: u64, prototype_scale: f32, seed: u64) ->
 
 fn trainer(steps: u64) -> Trainer {
     trainer_of(&small(), steps, 2.0, 5)
-}
-
-fn bits(t: &Trainer) -> Vec<u32> {
-    t.state.parameters.iter().map(|p| p.to_bits()).collect()
 }
 
 fn train(trainer: &mut Trainer, steps: std::ops::Range<u64>) -> Vec<f64> {
@@ -160,7 +155,8 @@ fn one_thread_or_two_give_the_same_bits() {
         builder.build().expect("threads").install(|| {
             let mut t = trainer(6);
             train(&mut t, 0..6);
-            bits(&t)
+            let parameters = t.state.parameters.iter();
+            parameters.map(|p| p.to_bits()).collect::<Vec<u32>>()
         })
     };
     assert_eq!(run(1), run(2));

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{calibrated, manifest, scan, written};
+use common::{calibrated, manifest, relative_error, scan, written};
 use mluc_backbone::{Backbone, Precision};
 use mluc_kernels::Level;
 
@@ -28,11 +28,7 @@ fn without_vector_registers_the_answers_are_the_same() -> Result<(), Box<dyn std
         let ((cells, rows), (cells_portable, rows_portable)) = (best?, run(precision)?);
         assert_eq!(cells, cells_portable);
         assert!(rows.len() > 1000);
-        let square = |rows: &mut dyn Iterator<Item = f32>| -> f64 {
-            rows.map(|value| f64::from(value).powi(2)).sum()
-        };
-        let difference = square(&mut rows.iter().zip(&rows_portable).map(|(a, b)| a - b));
-        let error = (difference / square(&mut rows.iter().copied())).sqrt();
+        let error = relative_error(&rows, &rows_portable);
         assert!(error < error_max, "{precision}: {error} of the rms");
     }
     Ok(())

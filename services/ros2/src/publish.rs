@@ -9,8 +9,6 @@ use rustdds::{Duration, QosPolicyBuilder, no_key::DataWriter};
 
 use crate::dds::{Encoded, join, keep, topic};
 
-/// The stages come first.
-const NICE: i32 = 10;
 /// Messages that are kept where nobody acknowledges any.
 const DEPTH: i32 = 5;
 /// Clouds and other messages that subscribers may leave unacknowledged; then the next ones are dropped. 2 s and 100 s at 10 Hz: a subscriber that is
@@ -18,7 +16,6 @@ const DEPTH: i32 = 5;
 const BEHIND_MAX: [i32; 2] = [20, 1000];
 
 pub(crate) fn publish(instance: &Instance) -> anyhow::Result<()> {
-    rustix::process::nice(NICE)?;
     let mut follower = Follower::open(instance)?;
     let participant = join()?;
     let publisher = participant.create_publisher(&QosPolicyBuilder::new().build())?;

@@ -1,7 +1,7 @@
 //! Another implementation at both ends: Cyclone DDS publishes clouds and reads objects (`cyclone.py`).
 
-use std::net::UdpSocket;
 use std::process::{Command, Stdio};
+use std::{net::UdpSocket, time::Duration};
 
 use mluc::bundled::BundledScans;
 use mluc_tests::{Running, Setting, built_program, python_with, root, skip, write_file};
@@ -10,21 +10,23 @@ use mluc_tests::{Running, Setting, built_program, python_with, root, skip, write
 const CYCLONE: &str = "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General><Discovery>\
     <ParticipantIndex>auto</ParticipantIndex><Peers><Peer address='localhost'/></Peers></Discovery></Domain></CycloneDDS>";
 
-/// Python with Cyclone DDS; `None`: it or a network is missing, which is said.
-fn python() -> Option<std::path::PathBuf> {
-    let python = python_with("cyclonedds")?;
+/// `cyclone.py`, without arguments; `None`: Cyclone DDS or a network is missing, which is said.
+fn cyclone() -> Option<Command> {
+    let mut cyclone = Command::new(python_with("cyclonedds")?);
+    cyclone.arg(root().join("services/ros2/tests/cyclone.py"));
+    cyclone.env("CYCLONEDDS_URI", CYCLONE);
     let socket = UdpSocket::bind("0.0.0.0:0").expect("a socket");
     if socket.connect("239.255.0.1:7400").is_err() {
         let why = "no network beside loopback, on which rustdds sends nothing";
         skip("mluc-ros2", why);
         return None;
     }
-    Some(python)
+    Some(cyclone)
 }
 
 #[test]
 fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
-    let Some(python) = python() else { return };
+    let Some(mut cyclone) = cyclone() else { return };
     let mut setting = Setting::new("ros2", 3);
     let expected = setting.run("").lines;
     let told = setting.folder.path().join("expected.jsonl");
@@ -42,11 +44,8 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
     doctor.args(["doctor", "--input", "ros2:/points"]);
     doctor.env("ROS_DOMAIN_ID", &domain).stdout(Stdio::piped());
     let doctor = doctor.spawn().expect("started");
-    let mut cyclone = Command::new(python);
-    cyclone.arg(root().join("services/ros2/tests/cyclone.py"));
-    cyclone.args([scans, told]).env("CYCLONEDDS_URI", CYCLONE);
     // It compares the objects of each cloud with those of its file.
-    let cyclone = start(&mut cyclone).finish_within(std::time::Duration::from_secs(120));
+    let cyclone = start(cyclone.args([scans, told])).finish_within(Duration::from_secs(120));
     assert_eq!(cyclone.code, Some(0), "{} {}", cyclone.log, run.log());
     let doctor = doctor.wait_with_output().expect("ended").stdout;
     let doctor = String::from_utf8_lossy(&doctor);
@@ -71,7 +70,7 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
 /// What a sensor sees that drives while it turns gives the objects of one that stands still: by odometry, and by transforms.
 #[test]
 fn points_are_corrected_by_odometry_and_by_transforms() {
-    let Some(python) = python() else { return };
+    let Some(mut cyclone) = cyclone() else { return };
     let mut setting = Setting::new("ros2-motion", 0);
     // Real objects stay where points move by a rounding.
     setting.model = "any-open".into();
@@ -83,10 +82,7 @@ fn points_are_corrected_by_odometry_and_by_transforms() {
     let scans = std::mem::replace(&mut setting.input, "ros2:/points".into());
     let domain = (1 + std::process::id() % 100).to_string();
     let start = |command: &mut Command| Running::start(command.env("ROS_DOMAIN_ID", &domain));
-    let mut cyclone = Command::new(python);
-    cyclone.arg(root().join("services/ros2/tests/cyclone.py"));
     cyclone.args([&scans, &told]).arg("moving");
-    cyclone.env("CYCLONEDDS_URI", CYCLONE);
     for option in ["", "--odometry /tf"] {
         let mut run = start(&mut setting.up_command(&format!("--pace sensor --deskew {option}")));
         run.wait_for_words("listening");

@@ -24,7 +24,7 @@ const TICK: Duration = Duration::from_millis(50);
 /// A process of an instance: ports, waiting, health, and leaving without a trace. Drop the ports first.
 pub struct Shell {
     // Fields drop in this order: ports, node, claim, membership.
-    heartbeat: Option<Heartbeat>,
+    pub(crate) heartbeat: Option<Heartbeat>,
     run: RunWatch,
     /// Describes the run, where this process does.
     run_writer: Option<(Output<RunDescription>, Claim)>,
@@ -358,13 +358,6 @@ impl Shell {
     pub fn say_ready(&mut self) {
         if let Some(manager) = &mut self.manager {
             manager.ready();
-        }
-    }
-
-    /// How long the stage computed for a frame.
-    pub fn record_run(&mut self, run_ns: u64) {
-        if let Some(heartbeat) = &mut self.heartbeat {
-            heartbeat.record_run(run_ns);
         }
     }
 

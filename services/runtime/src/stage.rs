@@ -126,7 +126,9 @@ pub fn stamp_published(stage: Stage, header: &mut FrameHeader) {
 /// A frame left: counts it and its time.
 pub fn finish(shell: &mut Shell, stage: Stage, header: &FrameHeader) -> Result<(), RuntimeError> {
     let stamps = header.stages[stage as usize];
-    shell.record_run(monotonic_ns().saturating_sub(stamps.started_ns));
+    if let Some(heartbeat) = &mut shell.heartbeat {
+        heartbeat.record_run(monotonic_ns().saturating_sub(stamps.started_ns));
+    }
     shell.health.frames_out += 1;
     shell.note_frame(None);
     shell.state(HealthState::Running, "")?;

@@ -259,17 +259,22 @@ mod tests {
     use super::*;
     use crate::packets::tests::{HOUR_NS, velodyne};
 
+    fn lidar(name: &str, input: String) -> Lidar {
+        Lidar {
+            name: name.to_string(),
+            input: input.into(),
+            extrinsics: [0.0; 6],
+            calibration: None,
+            topic: None,
+        }
+    }
+
     #[test]
     fn live_sensors_may_fall_silent_the_first_one_too_and_come_back() {
         let free = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
         let ports = free.map(|socket| socket.local_addr().unwrap());
-        let lidars = [("front", ports[0]), ("rear", ports[1])].map(|(name, port)| Lidar {
-            name: name.to_string(),
-            input: format!("udp:{port}").into(),
-            extrinsics: [0.0; 6],
-            calibration: None,
-            topic: None,
-        });
+        let sensors = [("front", ports[0]), ("rear", ports[1])];
+        let lidars = sensors.map(|(name, port)| lidar(name, format!("udp:{port}")));
         let source = Source::merge(&lidars, &Layout::default(), [0.0; 6], 50, Source::open);
         let mut source = source.unwrap();
         // A bit for each sensor that sends.
@@ -316,13 +321,8 @@ mod tests {
 
     #[test]
     fn a_live_scan_of_the_far_future_is_let_go() {
-        let lidars = ["1000,1100,1200", "90000,1100,1200"].map(|stamps| Lidar {
-            name: stamps[..2].to_string(),
-            input: stamps.into(),
-            extrinsics: [0.0; 6],
-            calibration: None,
-            topic: None,
-        });
+        let stamps = ["1000,1100,1200", "90000,1100,1200"];
+        let lidars = stamps.map(|stamps| lidar(&stamps[..2], stamps.to_string()));
         let open: Open = |input, layout, _| {
             let stamps = input.to_str().unwrap().split(',');
             let stamps = stamps.map(|ms| ms.parse().unwrap());
@@ -330,18 +330,14 @@ mod tests {
             Source::live(Stamped(stamps), layout)
         };
         // Several, or a live one, have no parts; one scan has no second part.
-        let part = Layout {
-            shard: Some([0, 2]),
+        let [first, second] = [0, 1].map(|index| Layout {
+            shard: Some([index, 2]),
             ..Layout::default()
-        };
-        let merged = Source::merge(&lidars, &part, [0.0; 6], 50, open);
+        });
+        let merged = Source::merge(&lidars, &first, [0.0; 6], 50, open);
         let scan = tempfile::Builder::new().suffix(".bin").tempfile().unwrap();
-        let second = Layout {
-            shard: Some([1, 2]),
-            ..Layout::default()
-        };
         let second = Source::open(scan.path(), &second, false);
-        for refused in [merged, open(&lidars[0].input, &part, false), second] {
+        for refused in [merged, open(&lidars[0].input, &first, false), second] {
             let error = format!("{:#}", refused.err().expect("an error"));
             assert!(error.contains("shard: expected"), "{error}");
         }

@@ -18,6 +18,8 @@ pub const TOPICS: usize = 6;
 /// Frame of reference where the sensor has no name.
 const SENSOR_FRAME: &str = "lidar";
 const WAIT: Duration = Duration::from_secs(1);
+/// The stages come first.
+const NICE: i32 = 10;
 
 /// In CDR by topic; `None`: there is no frame, or its points are gone.
 pub type Messages = [Option<Vec<u8>>; TOPICS];
@@ -48,8 +50,9 @@ pub struct Follower {
 }
 
 impl Follower {
-    /// Joins the instance, where no pipeline need run yet.
+    /// Joins the instance, where no pipeline need run yet. From now on this process yields to the stages.
     pub fn open(instance: &Instance) -> anyhow::Result<Follower> {
+        rustix::process::nice(NICE)?;
         let shell = Shell::observer(instance, None, Shutdown::on_signals()?)?;
         let (mut health, mut status) = (shell.health_watch()?, shell.status_watch()?);
         // What waits in the queues may be the last word of a stage that is gone.

@@ -11,9 +11,6 @@ use clap::{Parser, Subcommand};
 use mluc_runtime::{Instance, log_to_stderr};
 use mluc_view::Follower;
 
-/// The stages come first.
-const NICE: i32 = 10;
-
 /// Look at a running pipeline, or record it.
 #[derive(Parser)]
 #[command(name = "mluc", version)]
@@ -47,7 +44,6 @@ enum Command {
 fn main() -> anyhow::Result<ExitCode> {
     let cli = Cli::parse();
     log_to_stderr("view", "info");
-    rustix::process::nice(NICE)?;
     let follower = Follower::open(&cli.instance)?;
     match &cli.command {
         Command::View { port } => server::view(follower, *port),

@@ -12,8 +12,6 @@ use zenoh::bytes::Encoding;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Config, Wait};
 
-/// The stages come first.
-const NICE: i32 = 10;
 /// Places in a moment's messages, names, encodings; the clouds last.
 const KEYS: [(usize, &str, Encoding); 5] = [
     (TOPICS - 1, "frame", Encoding::APPLICATION_JSON),
@@ -76,7 +74,6 @@ fn main() -> anyhow::Result<()> {
     let cli = Cli::parse();
     let filter = "info,zenoh=warn,zenoh_transport=error,zenoh_link=error";
     log_to_stderr("zenoh", filter);
-    rustix::process::nice(NICE)?;
     let mut follower = Follower::open(&cli.instance)?;
     let config = told("--connect, --listen, --config", cli.zenoh())?;
     let session = told("opening a zenoh session", zenoh::open(config).wait())?;

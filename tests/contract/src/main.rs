@@ -40,8 +40,8 @@ enum Which {
 fn main() -> ExitCode {
     let result = match Cli::parse().suite {
         Which::Refiner(args) => refiner::run(args),
-        Which::Source(args) => run_command::<source::Session>(&args),
-        Which::Consumer(args) => run_command::<consumer::Session>(&args),
+        Which::Source(args) => run_command::<source::Player>(&args),
+        Which::Consumer(args) => run_command::<Option<consumer::Player>>(&args),
     };
     exit_code("mluc-contract", result)
 }

@@ -23,19 +23,23 @@ pub(crate) type Outcome = anyhow::Result<String>;
 /// A part of the contract, by name.
 pub(crate) type Case<S> = (&'static str, fn(&mut S) -> Outcome);
 
-/// The stages around one program.
+/// One program under test, and the stages around it.
+pub(crate) struct Session<P> {
+    pub(crate) tested: Tested,
+    pub(crate) player: P,
+}
+
+/// Plays the stages around one program.
 pub(crate) trait Suite: Sized + 'static {
     /// In the order they run; the first one starts the program.
-    const CASES: &'static [Case<Self>];
+    const CASES: &'static [Case<Session<Self>>];
     /// `NAME: what the contract asks there`, a line for every case.
     const ASKS: &'static str;
 
-    fn new(options: Options) -> anyhow::Result<Self>;
+    fn new(instance: &Instance, options: &Options) -> anyhow::Result<Self>;
 
     /// Has the program take part, for a case that begins.
-    fn ready(&mut self) -> anyhow::Result<()>;
-
-    fn tested(&mut self) -> &mut Tested;
+    fn ready(session: &mut Session<Self>) -> anyhow::Result<()>;
 }
 
 /// Of every suite.
@@ -121,16 +125,22 @@ pub(crate) fn run<S: Suite>(
 /// A program that never became ready is not asked for more: every case would fail for the same reason.
 fn judge<S: Suite>(options: Options, wanted: &[String]) -> anyhow::Result<Report> {
     let title = options.title.clone();
-    let mut suite = S::new(options)?;
+    let tested = Tested::new(options)?;
+    let player = S::new(&tested.instance, &tested.options)?;
+    let mut session = Session { tested, player };
     let is_wanted = |name: &str| wanted.is_empty() || wanted.iter().any(|word| word == name);
     let mut cases = S::CASES.iter().filter(|(name, _)| is_wanted(name));
     let (mut verdicts, mut not_run) = (Vec::new(), 0);
     while let Some(&(name, act)) = cases.next() {
         let begun = Instant::now();
         let is_first = name == S::CASES[0].0;
-        let is_ready = if is_first { Ok(()) } else { suite.ready() };
-        let result = is_ready.and_then(|()| act(&mut suite));
-        suite.tested().check_uninterrupted()?;
+        let is_ready = if is_first {
+            Ok(())
+        } else {
+            S::ready(&mut session)
+        };
+        let result = is_ready.and_then(|()| act(&mut session));
+        session.tested.check_uninterrupted()?;
         let passed = result.is_ok();
         let prefix = format!("{name}: ");
         let mut asks = S::ASKS.lines();
@@ -144,8 +154,8 @@ fn judge<S: Suite>(options: Options, wanted: &[String]) -> anyhow::Result<Report
         });
         if !passed {
             // The next case begins with a fresh process.
-            suite.tested().stop();
-            if !suite.tested().was_ready {
+            session.tested.stop();
+            if !session.tested.was_ready {
                 not_run = cases.by_ref().count();
             }
         }

@@ -63,10 +63,12 @@ impl SensorDetection {
 
     /// A box as the network gives it, of its class.
     pub fn of_box(detection: &Detection, classes: &[String]) -> SensorDetection {
-        let Detection {
-            class_id, score, ..
-        } = *detection;
-        SensorDetection::known(class_id, classes, score, box_of(detection))
+        SensorDetection::known(
+            detection.class_id,
+            classes,
+            detection.score,
+            box_of(detection),
+        )
     }
 
     /// What the refiner published, in its order.

@@ -155,8 +155,8 @@ impl Adaptation<'_> {
             return Ok(());
         }
         let (scans, train) = (self.scans(Split::Train), Model::read(&trained)?);
-        let calibrated = quantized(&train, &Dataset::open(&scans)?, &scans, RANGE_FRAMES)?;
-        let (mut manifest, mut weights) = (calibrated.manifest, calibrated.weights);
+        let dataset = Dataset::open(&scans)?;
+        let (mut manifest, mut weights) = quantized(&train, &dataset, &scans, RANGE_FRAMES)?;
         let init = Model::read(&self.out.join("init.safetensors"))?;
         if let Some(scorer) = ClusterScorer::of_model(&init.weights) {
             scorer.write(&mut weights);

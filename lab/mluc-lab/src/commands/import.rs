@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use clap::Args;
-use mluc_lab::exchange::{self, Imported, import, second};
+use mluc_lab::exchange::{self, import, second};
 use mluc_model::{AnchorClass, Manifest, model_bytes};
 
 use super::terminal::{print_err, write_out};
@@ -81,19 +81,16 @@ pub(crate) fn run(arguments: ImportArguments) -> anyhow::Result<()> {
     let path = arguments.checkpoint.display();
     let bytes = std::fs::read(&arguments.checkpoint).with_context(|| path.to_string())?;
     let imported = import(&bytes, arguments.manifest()?).with_context(|| path.to_string())?;
-    let model = model_bytes(&imported.manifest, &imported.weights)?;
-    let Imported {
-        manifest,
-        weights,
-        layout,
-    } = &imported;
+    let (manifest, weights) = (&imported.manifest, &imported.weights);
+    let model = model_bytes(manifest, weights)?;
     let classes = manifest.classes.iter().map(|class| class.name.as_str());
     print_err(format_args!(
-        "{} tensors, profile {}, {:?} head, classes {}, sparse weights {layout:?}, score of an empty scene at most {:.3}",
+        "{} tensors, profile {}, {:?} head, classes {}, sparse weights {:?}, score of an empty scene at most {:.3}",
         weights.iter().count(),
         manifest.network.profile,
         manifest.network.head,
         classes.collect::<Vec<_>>().join(", "),
+        imported.layout,
         manifest.empty_objectness_max,
     ));
     write_out(&arguments.out, &model)

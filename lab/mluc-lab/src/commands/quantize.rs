@@ -3,10 +3,10 @@
 use super::terminal::{at_least_one, counted, print_err, write_out};
 use clap::Args;
 use mluc_dataset::Dataset;
-use mluc_evaluate::pipeline::folder_tail;
+use mluc_evaluate::pipeline::{folder_tail, scan_points};
 use mluc_lab::exchange::empty_objectness_max;
-use mluc_model::{Model, model_bytes};
-use mluc_train::quantize::{Calibrated, calibrate, evenly};
+use mluc_model::{Manifest, Model, WeightSet, model_bytes};
+use mluc_train::{TrainError, quantize::measure_ranges};
 use std::path::{Path, PathBuf};
 
 /// Frames that ranges are measured on.
@@ -39,28 +39,38 @@ pub(crate) struct QuantizeArguments {
 pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
     let model = Model::read(&arguments.model)?;
     let dataset = Dataset::open_split(&arguments.data, arguments.split.as_deref())?;
-    let calibrated = quantized(&model, &dataset, &arguments.data, arguments.frames)?;
-    let bytes = model_bytes(&calibrated.manifest, &calibrated.weights)?;
-    print_err(&calibrated.manifest.provenance.calibration);
+    let (manifest, weights) = quantized(&model, &dataset, &arguments.data, arguments.frames)?;
+    let bytes = model_bytes(&manifest, &weights)?;
+    print_err(&manifest.provenance.calibration);
     write_out(&arguments.out, &bytes)
 }
 
-/// A model with ranges measured on `frames` of a data set, evenly spaced; `data` is its folder.
+/// A model with ranges measured on `frames` of a data set, evenly spaced, beginning with the first; `data` is its folder. Its provenance
+/// says how they were chosen.
 pub(super) fn quantized(
     model: &Model,
     dataset: &Dataset,
     data: &Path,
     frames: usize,
-) -> anyhow::Result<Calibrated> {
-    let frames = evenly(dataset.names(), frames);
-    let folder = folder_tail(&data.canonicalize().unwrap_or(data.to_owned()));
-    let (count, all) = (frames.len(), dataset.names().len());
-    let describe = format!("{count} of {all} frames of {folder}");
-    let mut calibrated = counted("ranges", count, |step| {
-        calibrate(model, dataset, &frames, &describe, step)
+) -> anyhow::Result<(Manifest, WeightSet)> {
+    let names = dataset.names();
+    let (all, count) = (names.len(), frames.min(names.len()));
+    let distance = all as f64 / count.max(1) as f64;
+    let weights = counted("ranges", count, |step| {
+        let scans = (0..count).map(|i| {
+            step();
+            // As the stages see them.
+            let points = scan_points(dataset, &names[(i as f64 * distance) as usize])?;
+            Ok::<Vec<[f32; 4]>, TrainError>(bytemuck::cast_slice(&points).to_vec())
+        });
+        measure_ranges(&model.manifest, &model.weights, scans)
     })?;
+    let mut manifest = model.manifest.clone();
+    let folder = folder_tail(&data.canonicalize().unwrap_or(data.to_owned()));
+    manifest.provenance.calibration = format!(
+        "{count} of {all} frames of {folder}; ranges hold a quarter more than what was seen"
+    );
     // Of weights that are a mean of others nobody has told it yet.
-    let empty = empty_objectness_max(&calibrated.manifest, &calibrated.weights)?;
-    calibrated.manifest.empty_objectness_max = empty;
-    Ok(calibrated)
+    manifest.empty_objectness_max = empty_objectness_max(&manifest, &weights)?;
+    Ok((manifest, weights))
 }

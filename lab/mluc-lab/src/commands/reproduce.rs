@@ -4,7 +4,8 @@ use super::terminal::{Progress, Threads, one_of, print_out};
 use super::train::commit;
 use anyhow::{Context, bail};
 use clap::Args;
-use mluc_reproduce::{KittiSource, Layout, Options, Screen, Setting, Size, run};
+use mluc_dataset::Splits;
+use mluc_reproduce::{Layout, Options, Screen, Setting, Size, run};
 use std::path::PathBuf;
 
 /// Simulate, train and evaluate what is missing, and write the report: the paper's tables and figures beside ours.
@@ -75,9 +76,9 @@ impl ReproduceArguments {
             (None, Some(setting)) => vec![setting],
             (None, None) => vec![Setting::SimUdi, Setting::SimKitti],
         };
-        let kitti = self.root.as_ref().map(|root| KittiSource {
+        let kitti = self.root.as_ref().map(|root| Splits {
             root: root.clone(),
-            splits: self.splits.clone(),
+            folder: self.splits.clone(),
         });
         Ok(Options {
             layout: Layout {

@@ -10,10 +10,8 @@ use mluc_model::{
 /// OpenPCDet's name of one of our tensors; heads that it does not have are named alike.
 pub fn openpcdet_name(ours: &str) -> String {
     let (layer, part) = ours.rsplit_once('.').unwrap_or((ours, ""));
-    let (layer, norm) = match layer.strip_suffix(".bn") {
-        Some(layer) => (layer, 1),
-        None => (layer, 0),
-    };
+    let without_norm = layer.strip_suffix(".bn");
+    let (layer, norm) = without_norm.map_or((layer, 0), |layer| (layer, 1));
     if let Some(module) = layer.strip_prefix("backbone3d.") {
         return format!("backbone_3d.{module}.{norm}.{part}");
     }

@@ -51,6 +51,14 @@ pub(crate) fn written(backbone: &Backbone, frame: Frame) -> Run<(Vec<u32>, Vec<f
     Ok((cells, rows))
 }
 
+/// Root mean square of the difference, of the expected values' root mean square.
+pub(crate) fn relative_error(expected: &[f32], found: &[f32]) -> f64 {
+    let square = |value: f32| f64::from(value).powi(2);
+    let differences = expected.iter().zip(found).map(|(a, b)| square(a - b));
+    let squares = expected.iter().map(|value| square(*value));
+    (differences.sum::<f64>() / squares.sum::<f64>()).sqrt()
+}
+
 /// Runs a scan with the active cells alone, put into `empty`'s rows, and with all cells: the same values, finite (in f32
 /// tiles round otherwise than direct sums), and every point accounted for. Gives the frame and its cells.
 pub(crate) fn check_coverage(

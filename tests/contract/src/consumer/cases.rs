@@ -8,9 +8,9 @@ use mluc_ipc_types::{Stage, WIRE_VERSION};
 use mluc_runtime::ClaimNote;
 use rustix::process::Signal;
 
-use super::Session;
 use super::player::{Frame, Player, TOO_MANY_OBJECTS};
-use crate::suite::{Case, Outcome, Suite, fill, wrong_instance};
+use super::{Session, Suite};
+use crate::suite::{Case, Outcome, fill, wrong_instance};
 
 const FRAMES: usize = 5;
 /// Sent while the program is held.
@@ -40,7 +40,7 @@ pub(super) const CASES: &[Case<Session>] = &[
 
 fn start(session: &mut Session) -> Outcome {
     let begun = Instant::now();
-    session.ready()?;
+    Suite::ready(session)?;
     let took = begun.elapsed();
     let places = session.player()?.consumers();
     ensure!(
@@ -111,8 +111,9 @@ fn are_not_used(session: &mut Session, what: &str, frame: Frame) -> anyhow::Resu
     Ok(())
 }
 
+type Spoil = fn(&mut Frame);
+
 fn hostile_headers(session: &mut Session) -> Outcome {
-    type Spoil = fn(&mut Frame);
     let spoils: [(&str, Spoil); 6] = [
         ("another wire version", |f| {
             f.header.wire_version = WIRE_VERSION + 41
@@ -138,7 +139,6 @@ fn hostile_headers(session: &mut Session) -> Outcome {
 }
 
 fn hostile_values(session: &mut Session) -> Outcome {
-    type Spoil = fn(&mut Frame);
     let spoils: [(&str, Spoil); 12] = [
         ("600 objects", |f| {
             f.objects.resize(TOO_MANY_OBJECTS, f.objects[0])
@@ -221,7 +221,7 @@ fn new_pipeline(session: &mut Session) -> Outcome {
 fn places(session: &mut Session) -> Outcome {
     for kill in 1..=KILLS {
         session.tested.stop();
-        let ready = session.ready();
+        let ready = Suite::ready(session);
         ready.with_context(|| format!("after kill -9 number {kill}"))?;
     }
     Ok(format!("killed {KILLS} times, back each time"))

@@ -6,43 +6,36 @@ mod player;
 use std::time::Duration;
 
 use anyhow::{Context, ensure};
+use mluc_runtime::Instance;
 use serde_json::Value;
 
-use crate::program::{Options, Tested};
-use crate::suite::{Case, Suite};
-use player::{Frame, Player};
+use crate::program::Options;
+use crate::suite::{self, Case, Suite};
+use player::Frame;
+pub(crate) use player::Player;
 
 /// How often a wait looks around.
 const LOOK: Duration = Duration::from_millis(5);
 /// Between two frames until the first one is taken.
 const PERIOD: Duration = Duration::from_millis(100);
 
-pub(crate) struct Session {
-    tested: Tested,
-    /// `None`: between two pipelines.
-    player: Option<Player>,
-}
+/// `None`: between two pipelines.
+type Session = suite::Session<Option<Player>>;
 
-impl Suite for Session {
+impl Suite for Option<Player> {
     const CASES: &'static [Case<Session>] = cases::CASES;
     const ASKS: &'static str = include_str!("asks.txt");
 
-    fn new(options: Options) -> anyhow::Result<Session> {
-        let tested = Tested::new(options)?;
-        let player = Some(Player::new(&tested.instance, &tested.options)?);
-        Ok(Session { tested, player })
+    fn new(instance: &Instance, options: &Options) -> anyhow::Result<Self> {
+        Player::new(instance, options).map(Some)
     }
 
-    fn ready(&mut self) -> anyhow::Result<()> {
-        if self.tested.runs() {
+    fn ready(session: &mut Session) -> anyhow::Result<()> {
+        if session.tested.runs() {
             return Ok(());
         }
-        self.tested.start()?;
-        self.first_frame()
-    }
-
-    fn tested(&mut self) -> &mut Tested {
-        &mut self.tested
+        session.tested.start()?;
+        session.first_frame()
     }
 }
 

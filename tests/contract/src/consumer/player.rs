@@ -53,7 +53,7 @@ fn object(kind: ObjectKind, points_first: u32, points_count: u32) -> Object {
     }
 }
 
-pub(super) struct Player {
+pub(crate) struct Player {
     // Ports go before the shell.
     points: Output<Point>,
     objects: Output<Object>,

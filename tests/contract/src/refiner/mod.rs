@@ -12,7 +12,7 @@ use clap::Args;
 use mluc_refiner::Variant;
 
 use crate::suite::{self, SuiteArgs, run_command, supervised};
-use session::Session;
+use player::Player;
 
 #[derive(Args, Clone, Debug)]
 pub(crate) struct RefinerArgs {
@@ -25,11 +25,11 @@ pub(crate) struct RefinerArgs {
 
 pub(crate) fn run(args: RefinerArgs) -> anyhow::Result<ExitCode> {
     let programs = match &args.refiner_mode {
-        _ if !args.suite.command.is_empty() => return run_command::<Session>(&args.suite),
+        _ if !args.suite.command.is_empty() => return run_command::<Player>(&args.suite),
         Some(mode) => vec![own(&args, mode)],
         None => Variant::ALL.map(|mode| own(&args, mode.name())).into(),
     };
-    suite::run::<Session>(&args.suite, programs)
+    suite::run::<Player>(&args.suite, programs)
 }
 
 /// Title and command of our own refiner in a mode, as `mluc up` starts it.

@@ -4,13 +4,13 @@ use std::time::Duration;
 
 use anyhow::{Context, anyhow, bail};
 use mluc_ipc_types::{Health, Stage};
-use mluc_runtime::monotonic_ns;
+use mluc_runtime::{Instance, monotonic_ns};
 
-use crate::program::{Options, Tested};
+use crate::program::Options;
 use crate::refiner::answer::{check_form, check_objects};
 use crate::refiner::cases;
 use crate::refiner::player::{Answer, Frame, Player};
-use crate::suite::{Case, Suite};
+use crate::suite::{self, Case, Suite};
 
 /// How often a wait looks around.
 const LOOK: Duration = Duration::from_millis(20);
@@ -18,30 +18,21 @@ const LOOK: Duration = Duration::from_millis(20);
 /// How a program takes a frame that makes no sense: with objects, whose form was not looked at, or with `messages_refused` and the reason that it told.
 pub(crate) type Reaction = Result<Box<Answer>, String>;
 
-pub(crate) struct Session {
-    pub(crate) tested: Tested,
-    pub(crate) player: Player,
-}
+pub(crate) type Session = suite::Session<Player>;
 
-impl Suite for Session {
+impl Suite for Player {
     const CASES: &'static [Case<Session>] = cases::CASES;
     const ASKS: &'static str = include_str!("cases/asks.txt");
 
-    fn new(options: Options) -> anyhow::Result<Session> {
-        let tested = Tested::new(options)?;
-        let player = Player::new(&tested.instance, &tested.options)?;
-        Ok(Session { tested, player })
+    fn new(instance: &Instance, options: &Options) -> anyhow::Result<Player> {
+        Player::new(instance, options)
     }
 
-    fn ready(&mut self) -> anyhow::Result<()> {
-        if !self.tested.runs() {
-            self.start()?;
+    fn ready(session: &mut Session) -> anyhow::Result<()> {
+        if !session.tested.runs() {
+            session.start()?;
         }
-        self.player.forget_answers()
-    }
-
-    fn tested(&mut self) -> &mut Tested {
-        &mut self.tested
+        session.player.forget_answers()
     }
 }
 

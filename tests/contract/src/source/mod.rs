@@ -5,36 +5,29 @@ mod player;
 
 use anyhow::{Context, Result, ensure};
 use mluc_ipc_types::{Health, HealthState, Stage};
+use mluc_runtime::Instance;
 
-use crate::program::{Options, Tested};
-use crate::suite::{Case, Suite};
-use player::{Player, Scan};
+use crate::program::Options;
+use crate::suite::{self, Case, Suite};
+pub(crate) use player::Player;
+use player::Scan;
 
-pub(crate) struct Session {
-    tested: Tested,
-    player: Player,
-}
+type Session = suite::Session<Player>;
 
-impl Suite for Session {
+impl Suite for Player {
     const CASES: &'static [Case<Session>] = cases::CASES;
     const ASKS: &'static str = include_str!("asks.txt");
 
-    fn new(options: Options) -> Result<Session> {
-        let tested = Tested::new(options)?;
-        let player = Player::new(&tested.instance, &tested.options)?;
-        Ok(Session { tested, player })
+    fn new(instance: &Instance, options: &Options) -> Result<Player> {
+        Player::new(instance, options)
     }
 
     /// A new process in a new run, of which so far nothing was sent: inputs end.
-    fn ready(&mut self) -> Result<()> {
-        self.tested.stop();
-        self.player.begin_run()?;
-        self.player.has_stages = true;
-        self.start()
-    }
-
-    fn tested(&mut self) -> &mut Tested {
-        &mut self.tested
+    fn ready(session: &mut Session) -> Result<()> {
+        session.tested.stop();
+        session.player.begin_run()?;
+        session.player.has_stages = true;
+        session.start()
     }
 }
 

@@ -73,7 +73,7 @@ fn beats(shell: &mut Shell, name: &'static str) -> Result<Output<Health>, Runtim
     shell.output(&topic, 1)
 }
 
-pub(super) struct Player {
+pub(crate) struct Player {
     // Ports go before the shell.
     points: Input<Point>,
     statuses: Output<Status>,
