@@ -98,6 +98,18 @@ fn a_bad_model_is_a_failure() {
 }
 
 #[test]
+fn a_second_pipeline_of_the_same_name_is_refused_and_the_first_goes_on() {
+    let setting = Setting::new("second", 3);
+    let mut first = setting.up("--loop");
+    first.wait_for_lines(1);
+    let second = setting.up("--loop").finish();
+    second.assert_ended(1, 0);
+    second.assert_says(&["pipeline", "--instance"]);
+    second.assert_says(&[&setting.instance, &first.pid().to_string()]);
+    first.wait_for_lines(3);
+}
+
+#[test]
 fn a_stage_that_cannot_start_ends_the_run_and_says_so() {
     let setting = Setting::new("foreign", 1);
     let text = "restart_limit = 3\n[stages.refiner]\ncommand = [\"/nowhere/refiner\"]\n";

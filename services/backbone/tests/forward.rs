@@ -179,6 +179,21 @@ fn levels_are_shown_as_f32_in_any_precision() -> Fallible {
     Ok(())
 }
 
+/// In the bird's-eye layers.
+#[test]
+fn an_odd_number_of_channels_is_computed_in_every_precision() -> Fallible {
+    let mut manifest = manifest();
+    let (last, network) = (manifest.network.block1.len() - 1, &mut manifest.network);
+    network.block1[last].cout = 47;
+    network.block2[0].cin = 47;
+    network.up1.cin = 47;
+    for precision in Precision::ALL {
+        let mut backbone = backbone(&manifest, precision)?;
+        assert!(backbone.run(&scan(1, "odd")).rows > 0);
+    }
+    Ok(())
+}
+
 #[test]
 fn int8_without_a_calibration_names_the_command() {
     let manifest = manifest();

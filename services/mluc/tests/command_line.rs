@@ -30,11 +30,13 @@ fn a_wrong_command_line_or_configuration_is_a_usage_error() {
         refused(&line.split(' ').collect::<Vec<_>>(), words);
     }
     for (text, words) in [
+        ("\nmodle = 1", "line 2"),
         ("modle = 1", "did you mean `model`?"),
         ("[refiner]\npoints_min = -1", "points_min"),
         ("[refiner]\njoin_m = -4.0", "join_m"),
         ("[track]\nwindow = 0", "window"),
         ("track = 3", "true, false or a table"),
+        ("precision = \"fp32\"", "did you mean `f32`?"),
     ] {
         let path = folder.path().join("mluc.toml");
         std::fs::write(&path, text).expect("written");
