@@ -116,7 +116,7 @@ fn random(dice: &mut Dice) -> SensorProfile {
         name: format!("random, {beams} beams"),
         source: "drawn".into(),
         elevations_deg: (0..beams).map(elevation).collect(),
-        azimuth_step_deg: dice.range(0.1, 0.45),
+        azimuth_step_deg: dice.range(0.1, 0.6),
         range_m: [dice.range(0.3, 1.0), dice.range(60.0, 200.0)],
         range_noise_m: dice.range(0.01, 0.04),
         ..SensorProfile::default()

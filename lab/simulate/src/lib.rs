@@ -312,6 +312,9 @@ fn turn(
     let mut scene = scene::Scene::default();
     scene.add(&ground.mesh(family, &mut dice(3)), 0, |p| p);
     background::fill(&mut layout, &mut scene, &mut dice(4));
+    if family == Family::SimAny && turn.is_none() && stream.realism.has(Step::Weather) {
+        background::weather(&mut layout, &mut scene, &mut dice(11));
+    }
     let half_turn = family == Family::SimKitti;
     let sensor_key = random::hash(&[key, 5]);
     // The sensor of a pair looks from the same place.

@@ -14,23 +14,34 @@ pub enum Step {
     Drop,
     /// Objects of their class's spread of sizes, and labels that stand off. Without: objects of the mean size, labels of their exact extent.
     Sizes,
-    /// Things of a car's size that are none. Without: their place stays empty.
+    /// Things of a car's size that are none. Without: their place stays empty, as for each of the next four.
     Confusers,
+    /// Houses, walls, fences, hedges and thickets along both sides of a road.
+    Frontage,
+    /// Poles, signs, bins, benches, parked bicycles.
+    Furniture,
+    /// Bushes and trees.
+    Vegetation,
+    /// What streets of `sim-any` have besides.
+    Street,
+    /// Rain, spray and exhaust of `sim-any`. Without: it is dry and warm.
+    Weather,
 }
 
 impl Step {
     /// All steps, in the order in which they are measured.
-    pub const ALL: [Step; 5] = [
-        Step::Rings,
-        Step::Noise,
-        Step::Drop,
-        Step::Sizes,
-        Step::Confusers,
-    ];
+    pub const ALL: [Step; 10] = {
+        use Step::*;
+        [
+            Rings, Noise, Drop, Sizes, Confusers, Frontage, Furniture, Vegetation, Street, Weather,
+        ]
+    };
 
     /// The step's name on the command line.
     pub fn name(self) -> &'static str {
-        ["rings", "noise", "drop", "sizes", "confusers"][self as usize]
+        const NAMES: &str =
+            "rings noise drop sizes confusers frontage furniture vegetation street weather";
+        NAMES.split(' ').nth(self as usize).unwrap_or_default()
     }
 }
 
@@ -78,9 +89,13 @@ mod tests {
 
     /// A frame of training with these steps left out.
     fn frame_without(steps: &[Step], index: u32) -> SimulatedFrame {
+        frame_of(Family::SimKitti, steps, index)
+    }
+
+    fn frame_of(family: Family, steps: &[Step], index: u32) -> SimulatedFrame {
         let stream = Stream {
             realism: Realism::without(steps),
-            ..Stream::full(Family::SimKitti, Split::Train, 1)
+            ..Stream::full(family, Split::Train, 1)
         };
         turn(stream, [None; 2], index, None).expect("a frame").0
     }
@@ -99,7 +114,10 @@ mod tests {
         let usual = frame(Family::SimKitti, Split::Train, 1, 0, None).expect("a frame");
         assert_eq!(frame_without(&[], 0), usual);
         for step in Step::ALL {
-            let changed = (0..3).any(|i| frame_without(&[step], i) != frame_without(&[], i));
+            let of_any = matches!(step, Step::Street | Step::Weather);
+            let family = [Family::SimKitti, Family::SimAny][usize::from(of_any)];
+            let is_changed = |i| frame_of(family, &[step], i) != frame_of(family, &[], i);
+            let changed = (0..60).any(is_changed);
             assert!(changed, "{step:?} changes nothing");
         }
     }

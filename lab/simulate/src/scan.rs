@@ -1,15 +1,19 @@
 //! One turn of the sensor: every ray is cast, passes windows and foliage, comes back or is lost, and is measured.
 
-use super::mesh::Kind;
 use super::random::{splitmix64, unit};
 use super::scene::{Scene, Searchable};
 use super::sensor::{Hit, Sensor, Shot, Stream, drop_probability};
+use super::{background::Thing, mesh::Kind};
 use parry3d::query::{Ray, RayCast};
 
 /// Surfaces that one ray may pass before it is given up.
 const PASSES_MAX: usize = 8;
 /// A depth edge between neighbouring rays, m.
 const EDGE_M: [f32; 2] = [0.3, 4.0];
+/// In the heaviest rain: the share of rays that a drop answers, how far away on average, and over what way the others lessen by a factor e, m.
+const DROPS: f32 = 0.03;
+const DROPS_M: f32 = 4.0;
+const CLEAR_M: f32 = 120.0;
 
 /// Points and what each lies on; and, for every ray, which instance it ended on before noise and drop (row of a beam, then column).
 pub(crate) struct Sweep {
@@ -23,7 +27,10 @@ pub(crate) struct Sweep {
 pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
     let world = scene.searchable(0..scene.mesh.triangles.len())?;
     let columns = sensor.column_count;
-    let hit = |i: usize| trace(&world, sensor, (i / columns, i % columns));
+    let hit = |i: usize| {
+        let shot = (i / columns, i % columns);
+        in_rain(sensor, scene.rain, shot, trace(&world, sensor, shot))
+    };
     let hits: Vec<_> = (0..sensor.beam_count() * columns).map(hit).collect();
     let mut sweep = Sweep {
         points: Vec::with_capacity(hits.len()),
@@ -85,6 +92,25 @@ pub(crate) fn trace(world: &Searchable, sensor: &Sensor, shot: Shot) -> Option<H
         from = range_m + 1e-3;
     }
     None
+}
+
+/// In rain a drop near the sensor answers some rays, and of the others more are lost the farther they go.
+fn in_rain(sensor: &Sensor, rain: f32, shot: Shot, hit: Option<Hit>) -> Option<Hit> {
+    if rain <= 0.0 || sensor.is_blind(shot) {
+        return hit;
+    }
+    let bits = sensor.bits(Stream::Rain, shot);
+    let lot = unit(bits);
+    let drop_m = sensor.range_m[0] - DROPS_M * (1.0 - unit(splitmix64(bits))).ln();
+    if lot < DROPS * rain && hit.is_none_or(|hit| drop_m < hit.range_m) {
+        return Some(Hit {
+            range_m: drop_m,
+            cos_incidence: 1.0,
+            rho: 0.3,
+            instance: Thing::Rain.instance(),
+        });
+    }
+    hit.filter(|hit| 1.0 - lot < (-rain * hit.range_m / CLEAR_M).exp())
 }
 
 /// The point that comes back, or None when it is lost.

@@ -11,6 +11,8 @@ use std::ops::Range;
 pub(crate) struct Scene {
     pub(crate) mesh: Mesh,
     pub(crate) instances: Vec<u16>,
+    /// How strong the rain is, 0..1.
+    pub(crate) rain: f32,
 }
 
 /// A labelled object in the scene.

@@ -81,6 +81,7 @@ pub(crate) enum Stream {
     Mixed,
     Second,
     Wave,
+    Rain,
 }
 
 /// How the sensor moves while it turns. Points are those of the moving sensor, as recorded scans have them before anybody corrects

@@ -7,6 +7,7 @@ mod indoor;
 mod outdoor;
 mod variety;
 mod vegetation;
+mod weather;
 
 use super::ground::{Ground, Place};
 use super::mesh::{Mesh, V3, v};
@@ -49,6 +50,9 @@ pub(crate) enum Thing {
     Log,
     /// Of `street.toml`.
     Street,
+    Rain,
+    Spray,
+    Exhaust,
 }
 
 impl Thing {
@@ -76,17 +80,10 @@ fn built(build: impl FnOnce(&mut Mesh, &mut Dice), dice: &mut Dice) -> Mesh {
 
 /// Fills a scene around its objects. Things that would stand in an object or in each other are left out.
 pub(crate) fn fill(layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) {
-    // Those that are left out keep their places, so that everything else is as it would be with them.
-    let shows = layout.stream.realism.has(Step::Confusers);
     let (ground, family) = (layout.ground, layout.stream.family);
-    let mut yard = Yard {
-        ground: layout.ground,
-        layout,
-        scene,
-        shows,
-    };
+    let realism = layout.stream.realism;
+    let mut yard = Yard::new(layout, scene);
     if let Some(room) = &ground.room {
-        yard.shows = true;
         indoor::place(&mut yard, room, dice);
         if ground.place == Place::CarPark {
             // Seen over the parapets.
@@ -94,18 +91,27 @@ pub(crate) fn fill(layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) 
         }
         return;
     }
-    confusers::place(&mut yard, dice);
-    yard.shows = true;
+    // What is left out keeps its places, so that everything else is as it would be with it.
+    let mut place = |step: Option<Step>, place: fn(&mut Yard, &mut Dice)| {
+        yard.shows = step.is_none_or(|step| realism.has(step));
+        place(&mut yard, dice);
+    };
+    place(Some(Step::Confusers), confusers::place);
     match ground.place {
-        Place::CarPark if ground.room.is_none() => outdoor::car_park(&mut yard, dice),
-        Place::Depot => outdoor::depot(&mut yard, dice),
-        Place::Path => return outdoor::path(&mut yard, dice),
-        _ if family == Family::SimAny => variety::place(&mut yard, dice),
+        Place::CarPark if ground.room.is_none() => place(None, outdoor::car_park),
+        Place::Depot => place(None, outdoor::depot),
+        Place::Path => return place(None, outdoor::path),
+        _ if family == Family::SimAny => place(Some(Step::Street), variety::place),
         _ => {}
     }
-    frontage::place(&mut yard, dice);
-    furniture::place(&mut yard, dice);
-    vegetation::place(&mut yard, dice);
+    place(Some(Step::Frontage), frontage::place);
+    place(Some(Step::Furniture), furniture::place);
+    place(Some(Step::Vegetation), vegetation::place);
+}
+
+/// Rain with its spray, or exhaust, in a part of the scenes of `sim-any`.
+pub(crate) fn weather(layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) {
+    weather::place(&mut Yard::new(layout, scene), dice);
 }
 
 /// What the builders place things into.
@@ -117,7 +123,16 @@ struct Yard<'a, 'b> {
     shows: bool,
 }
 
-impl Yard<'_, '_> {
+impl<'a, 'b> Yard<'a, 'b> {
+    fn new(layout: &'b mut Layout<'a>, scene: &'b mut Scene) -> Yard<'a, 'b> {
+        Yard {
+            ground: layout.ground,
+            layout,
+            scene,
+            shows: true,
+        }
+    }
+
     /// How far things stand along the road, m.
     fn along_m(&self) -> [f32; 2] {
         match self.layout.stream.family {
