@@ -168,4 +168,21 @@ mod tests {
         }
         assert!(seen > 100, "{seen} points on confusers");
     }
+
+    #[test]
+    fn rain_spray_and_exhaust_are_seen_and_drops_answer_near_the_sensor() {
+        use background::Thing::{Exhaust, Rain, Spray};
+        let kinds = [Rain, Spray, Exhaust].map(background::Thing::instance);
+        let (mut seen, mut far) = ([0; 3], 0);
+        for frame in (0..60).map(|index| frame_of(Family::SimAny, &[], index)) {
+            for ([x, y, z, _], instance) in frame.points.iter().zip(&frame.instances) {
+                if let Some(kind) = kinds.iter().position(|kind| kind == instance) {
+                    seen[kind] += 1;
+                    far += usize::from(kind == 0 && x.hypot(*y).hypot(*z) > 10.0);
+                }
+            }
+        }
+        assert!(seen.iter().all(|points| *points > 10), "{seen:?}");
+        assert!(far * 5 < seen[0], "{far} of {seen:?}");
+    }
 }

@@ -1,61 +1,42 @@
-//! Fits the layers that score how much a cluster is like something that drives or walks (`mluc_refiner::ClusterScorer`) on the training
-//! split alone: before the network is trained, clusters on labelled objects of the known classes stand against clusters on nothing; after it,
-//! what the network proposes on synthetic unknown objects against what it proposes elsewhere.
+//! Fits the layers that score how much a cluster is like an object (`mluc_refiner::ClusterScorer`), on training scans alone: what a trained network
+//! proposes on synthetic unknown objects stands against what it proposes elsewhere.
 //!
-//! Sizes are varied while it is fitted, so that it learns bodies against walls and leaves rather than the sizes of the known classes. Extension of the paper.
+//! Sizes are varied while it is fitted, so that it learns bodies against walls and leaves rather than sizes. Extension of the paper.
 
 use mluc_backbone::Precision;
 use mluc_dataset::SYNTHETIC_UNKNOWN;
 use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, ModelGate, detect_frames};
 use mluc_geometry::{Box3, Random, intersection_over_min_area, iou_3d};
-use mluc_ipc_types::{Object, Point};
-use mluc_model::{CLUSTER_SCORER_WIDTHS, Manifest, Model};
+use mluc_ipc_types::Object;
+use mluc_model::{CLUSTER_SCORER_WIDTHS, Model};
 use mluc_refiner::cluster_scorer::{FEATURES, features};
-use mluc_refiner::clusters::{FrameCluster, Measures};
-use mluc_refiner::{
-    ClusterScorer, FrameClusterer, FrameClusters, Refiner, RefinerError, RefinerOutput, Sensor,
-    Settings,
-};
+use mluc_refiner::clusters::Measures;
+use mluc_refiner::{ClusterScorer, Refiner, RefinerError, RefinerOutput, Sensor, Settings};
 use rayon::prelude::*;
 
 use crate::optimizer::{Adam, Schedule};
-use crate::{error::TrainError, mlp::Mlp, source::ScanSource};
+use crate::{error::TrainError, mlp::Mlp};
 
 const STEPS: u64 = 400;
-/// Clusters of a step, and which of them are objects: half of all; a tenth of what is proposed, most of which is background.
-const ALL: (usize, fn(usize) -> bool) = (2048, |i| i % 2 == 0);
-const PROPOSED: (usize, fn(usize) -> bool) = (1024, |i| i < 102);
+/// Clusters of a step, and how many of them are objects: a tenth, as most of what is proposed is background.
+const BATCH: usize = 1024;
+const OBJECTS: usize = 102;
 /// Log of the factor by which sizes are varied, standard deviation.
 const SIZE_DEVIATION: f64 = 0.3;
-/// Shares of a cluster that lie on a label: above the first it is that object, below the second nothing.
-const SHARE_ON: f64 = 0.3;
-const SHARE_OFF: f64 = 0.02;
-/// A box that is proposed is on an object above this overlap, as evaluation has it.
+/// A box that is proposed is on an object above this overlap, as evaluation has it; with less than this share on any it is on nothing.
 const IOU_ON: f64 = 0.1;
+const SHARE_OFF: f64 = 0.02;
 /// P(unknown) from which a box is proposed here: the lowest that a model's threshold may be.
 const UNKNOWN_MIN: f32 = 0.5;
 
-/// Fits on the first `frames` scans.
-pub fn fit_cluster_scorer(
-    source: &ScanSource,
-    manifest: &Manifest,
-    frames: usize,
-    seed: u64,
-) -> Result<ClusterScorer, TrainError> {
-    let sensor = Sensor::from_manifest(manifest)?;
-    let frames = (0..frames.min(source.count())).into_par_iter();
-    let examples = frames.map(|frame| examples(source, &sensor, frame));
-    let examples: Vec<Vec<Example>> = examples.collect::<Result<_, TrainError>>()?;
-    Ok(as_scorer(fit(&examples.concat(), ALL, seed)))
-}
-
 /// Fits on what a trained network with an output for the unknown proposes on scans with synthetic unknown objects; `step` is called after each.
+/// None where it proposes nothing on them, or nothing elsewhere.
 pub fn fit_to_proposals(
     model: &Model,
     set: &FrameSet,
     seed: u64,
     step: impl FnMut(),
-) -> Result<ClusterScorer, TrainError> {
+) -> Result<Option<ClusterScorer>, TrainError> {
     let frames = detect_frames(Precision::default(), model, set, step)?;
     let sensor = Sensor::from_manifest(&model.manifest)?;
     let refiner = || Refiner::new(Settings::default(), &sensor);
@@ -65,14 +46,7 @@ pub fn fit_to_proposals(
     };
     let frames = frames.par_iter().enumerate().map_init(refiner, of_frame);
     let examples = frames.collect::<Result<Vec<_>, TrainError>>()?.concat();
-    let objects = examples.iter().filter(|example| example.1).count();
-    if objects == 0 || objects == examples.len() {
-        let (data, all) = (set.describe(), examples.len());
-        return Err(TrainError::Stopped(format!(
-            "{data}: expected unknown objects of the network on synthetic ones (simulate --synthetic-unknown) and beside them, found {objects} of {all} on them"
-        )));
-    }
-    Ok(as_scorer(fit(&examples, PROPOSED, seed)))
+    Ok(fit(&examples, seed).map(as_scorer))
 }
 
 /// Of what is published as unknown in a frame when everything is.
@@ -113,44 +87,20 @@ fn as_scorer(mlp: Mlp) -> ClusterScorer {
 /// Features, and whether it is an object.
 type Example = ([f32; FEATURES], bool);
 
-fn examples(
-    source: &ScanSource,
-    sensor: &Sensor,
-    frame: usize,
-) -> Result<Vec<Example>, TrainError> {
-    let scan = source.scan(frame)?;
-    let points: &[Point] = bytemuck::cast_slice(&scan.points);
-    let mut found = FrameClusters::default();
-    FrameClusterer::new(&Settings::default(), sensor)?.find(points, &mut found);
-    let example = |cluster: &FrameCluster| {
-        let share = |bounds: &Box3| intersection_over_min_area(&cluster.shape, bounds);
-        let on = |known: bool| {
-            let objects = scan.objects.iter();
-            let objects = objects.filter(|o| o.trained_class().is_some() == known);
-            objects.map(|o| share(&o.bounds)).fold(0.0, f64::max)
-        };
-        let (known, other) = (on(true), on(false));
-        let is_object = known > SHARE_ON;
-        let is_nothing = known < SHARE_OFF && other < SHARE_OFF;
-        (is_object || is_nothing).then(|| (features(&cluster.measures), is_object))
-    };
-    Ok(found.clusters.iter().filter_map(example).collect())
-}
-
 /// Logistic loss.
-fn fit(examples: &[Example], (batch, takes_object): (usize, fn(usize) -> bool), seed: u64) -> Mlp {
+fn fit(examples: &[Example], seed: u64) -> Option<Mlp> {
     let mut random = Random::new(seed, &[0xC1]);
     let mut mlp = Mlp::new(&CLUSTER_SCORER_WIDTHS, &mut random);
     let (objects, rest): (Vec<&Example>, Vec<&Example>) = examples.iter().partition(|e| e.1);
     if objects.is_empty() || rest.is_empty() {
-        return mlp;
+        return None;
     }
     let mut adam = Adam::new(mlp.parameters.len());
     let schedule = Schedule::new(0.02, STEPS);
     for step in 0..STEPS {
-        let mut input = Vec::with_capacity(batch * FEATURES);
-        for i in 0..batch {
-            let list = if takes_object(i) { &objects } else { &rest };
+        let mut input = Vec::with_capacity(BATCH * FEATURES);
+        for i in 0..BATCH {
+            let list = if i < OBJECTS { &objects } else { &rest };
             let mut values = list[random.below(list.len())].0;
             let sizes = values[..3].iter_mut();
             sizes.for_each(|v| *v += (SIZE_DEVIATION * random.normal()) as f32);
@@ -159,12 +109,12 @@ fn fit(examples: &[Example], (batch, takes_object): (usize, fn(usize) -> bool), 
         let trace = mlp.forward(input);
         let gradient = trace.output().iter().enumerate().map(|(i, x)| {
             let p = 1.0 / (1.0 + (-x).exp());
-            (p - if takes_object(i) { 1.0 } else { 0.0 }) / batch as f32
+            (p - if i < OBJECTS { 1.0 } else { 0.0 }) / BATCH as f32
         });
         let gradient = mlp.backward(&trace, gradient.collect());
         adam.step(&mut mlp.parameters, &gradient, schedule.at(step));
     }
-    mlp
+    Some(mlp)
 }
 
 #[cfg(test)]
@@ -181,7 +131,8 @@ mod tests {
             (f, is_object)
         };
         let examples: Vec<Example> = (0..600).map(|i| draw(i % 3 == 0)).collect();
-        let mlp = fit(&examples, ALL, 1);
+        assert_eq!(fit(&examples[..1], 1), None);
+        let mlp = fit(&examples, 1).expect("layers");
         let logit = |(f, _): &Example| mlp.forward(f.to_vec()).output()[0];
         let logits = examples.iter().map(logit);
         let logits: Vec<f32> = logits.collect();

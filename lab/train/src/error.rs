@@ -29,11 +29,6 @@ pub enum TrainError {
 }
 
 impl TrainError {
-    /// An option out of its range.
-    pub(crate) fn setting(name: &str, expected: &str, found: &str) -> TrainError {
-        TrainError::Stopped(format!("{name}: expected {expected}, found {found}"))
-    }
-
     /// The loss of `step` is no longer a number.
     pub(crate) fn diverged(step: u64, loss: f64) -> TrainError {
         TrainError::Stopped(format!(

@@ -19,9 +19,7 @@ use crate::testing::assert_slope;
 const LOSSES: LossSettings = LossSettings {
     prototype_scale: 2.0,
     variance_weight: 0.05,
-    center_loss_weight: 0.3,
     push_weight: 0.0,
-    unknown_weight: 0.7,
 };
 
 /// A network of the real one's shape with few channels, on a map of 16 x 20.

@@ -30,9 +30,8 @@ pub fn train_osis(
     settings: &TrainSettings,
     notify: &mut dyn FnMut(TrainEvent),
 ) -> Result<PathBuf, TrainError> {
-    settings.check()?;
     let expected = "a softmax network for osis to stand on";
-    let wrong = |found: &str| TrainError::setting("--init", expected, found);
+    let wrong = |found: &str| TrainError::refused("--init".as_ref(), expected, found);
     let init = settings.init.as_ref().ok_or_else(|| wrong("nothing"))?;
     let mut model = Model::read(&model_path(init))?;
     let network = &model.manifest.network;

@@ -2,11 +2,12 @@
 
 use std::{collections::BTreeMap, fs::File, io::Write, path::PathBuf};
 
+use mluc_evaluate::pipeline::FrameSet;
 use mluc_model::{Manifest, Model, ModelError, Provenance, VoxelInput, model_bytes};
 use mluc_refiner::ClusterScorer;
 use serde_json::json;
 
-use crate::cluster_scorer::fit_cluster_scorer;
+use crate::cluster_scorer::fit_to_proposals;
 use crate::database::{self, Database, mean_boxes};
 use crate::error::TrainError;
 use crate::loader::{BatchQueue, DataLoader};
@@ -16,10 +17,10 @@ use crate::settings::TrainSettings;
 use crate::source::ScanSource;
 use crate::trainer::Trainer;
 use crate::validate::validate;
-use crate::{check, checkpoint, export, import, run_folder, stream};
+use crate::{NetworkKind, check, checkpoint, export, import, run_folder, stream};
 
 /// Frames that the cluster scorer is fitted on.
-const CLUSTER_FRAMES: usize = 300;
+const CLUSTER_FRAMES: usize = 1200;
 
 /// A run, its data read and its state restored.
 pub struct Run {
@@ -39,7 +40,6 @@ type Notify<'a> = &'a mut dyn FnMut(TrainEvent);
 impl Run {
     /// Reads what the training split says, and the checkpoint where there is one.
     pub fn prepare(settings: &TrainSettings, notify: Notify) -> Result<Run, TrainError> {
-        settings.check()?;
         let lock = run_folder::enter(&settings.out)?;
         let dataset = check::training_split(settings)?;
         check::validation_split(settings, notify)?;
@@ -142,21 +142,31 @@ impl Run {
             }
         }
         self.save()?;
+        self.score_clusters(notify)?;
         self.judge(notify)?;
         self.save()
     }
 
-    /// Fits what is fitted before the first step, and starts the threads that prepare batches.
+    /// The finished network of `mluc-full` is told which of the clusters that it proposes are objects.
+    fn score_clusters(&mut self, notify: Notify) -> Result<(), TrainError> {
+        if self.settings.kind == NetworkKind::MlucFull {
+            let model = Model::read(&self.model_path())?;
+            let set = FrameSet::open(&self.settings.data.join("train"), None, CLUSTER_FRAMES)?;
+            self.cluster_scorer = fit_to_proposals(&model, &set, self.settings.seed, || ())?;
+            if self.cluster_scorer.is_none() {
+                let text = "clusters have no score: nothing is proposed on synthetic unknown objects, or nothing else";
+                notify(TrainEvent::Note(text.into()));
+            }
+        }
+        Ok(())
+    }
+
+    /// Starts the threads that prepare batches.
     fn begin<T: Send + 'static>(
         &mut self,
         prepare: fn(&mut DataLoader, u64) -> Result<T, TrainError>,
     ) -> Result<BatchQueue<T>, TrainError> {
         let (settings, source) = (&self.settings, self.source.clone());
-        if settings.fits_cluster_scorer() {
-            let (manifest, seed) = (&self.manifest, settings.seed);
-            let scorer = fit_cluster_scorer(&source, manifest, CLUSTER_FRAMES, seed)?;
-            self.cluster_scorer = Some(scorer);
-        }
         let database = std::mem::take(&mut self.database);
         let loader = DataLoader::new(settings, &self.manifest, source, database);
         Ok(loader.spawn(self.trainer.state.step..settings.steps, prepare))

@@ -3,12 +3,17 @@
 use std::path::{Path, PathBuf};
 use std::{convert::Infallible, ffi::OsStr};
 
-use clap::Parser;
+use clap::{Parser, builder::RangedU64ValueParser};
 use mluc_dataset::{KITTI_CLASSES, SIMULATED_CLASSES};
 use mluc_model::{AnchorClass, Beams, Manifest, Network, Takes};
 
 use crate::kind::{Architecture, NetworkKind, Setting};
-use crate::{error::TrainError, losses::LossSettings};
+use crate::losses::LossSettings;
+
+fn learning_rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse().ok().filter(|rate| *rate > 0.0 && *rate < 1.0);
+    rate.ok_or_else(|| format!("expected above 0 and below 1, found {text}"))
+}
 
 /// A training run. What changes the weights is compared when a run is resumed.
 #[derive(Clone, Debug, PartialEq, Parser)]
@@ -36,20 +41,17 @@ pub struct TrainSettings {
     #[arg(long)]
     pub init: Option<PathBuf>,
     /// Optimiser steps.
-    #[arg(long, default_value_t = 20_000)]
+    #[arg(long, default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1..))]
     pub steps: u64,
     /// Frames a step.
-    #[arg(long, default_value_t = 2)]
+    #[arg(long, default_value_t = 2, value_parser = RangedU64ValueParser::<usize>::new().range(1..=64))]
     pub batch: usize,
     /// Seed of weights, order and augmentation.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Highest learning rate of the cycle.
-    #[arg(long, default_value_t = 0.003)]
+    #[arg(long, default_value_t = 0.003, value_parser = learning_rate)]
     pub learning_rate: f64,
-    /// Weight of the loss that draws embeddings to their prototypes; the paper has none; 0.1 for metric-open and mluc-full.
-    #[arg(long, default_value_t = 0.0, default_value_ifs([("kind", "metric-open", "0.1"), ("kind", "mluc-full", "0.1")]))]
-    pub variance_weight: f32,
     /// Multiply the gradients of layers' inputs in bf16 (all else stays f32): faster where the processor has bf16.
     #[arg(long)]
     pub bf16: bool,
@@ -65,7 +67,7 @@ pub struct TrainSettings {
     #[arg(value_delimiter = ',')]
     pub ignored_classes: Vec<String>,
     /// Steps between checkpoints.
-    #[arg(long, default_value_t = 200)]
+    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..))]
     pub checkpoint_every: u64,
     /// Commit of the trainer, for the model file.
     #[arg(skip = "unknown")]
@@ -82,40 +84,6 @@ impl TrainSettings {
         let folders = [("--data", data), ("--out", out)].into_iter();
         let folders = folders.flat_map(|(option, folder)| [OsStr::new(option), folder.as_os_str()]);
         TrainSettings::try_parse_from(options.chain(folders)).expect("options of the trainer")
-    }
-
-    /// Whether the layers that score clusters are fitted. None of the known classes of kitti and any is as large as a truck, so that
-    /// there the layers would take trucks for walls.
-    pub fn fits_cluster_scorer(&self) -> bool {
-        self.setting == Setting::Udi && self.kind == NetworkKind::MlucFull
-    }
-
-    /// Checks ranges.
-    pub fn check(&self) -> Result<(), TrainError> {
-        let (steps, every) = (self.steps as f32, self.checkpoint_every as f32);
-        // Option, value, the lowest and the highest allowed.
-        let rows = [
-            ("--steps", steps, 1.0, f32::MAX),
-            ("--batch", self.batch as f32, 1.0, 64.0),
-            ("--variance-weight", self.variance_weight, 0.0, 100.0),
-            ("--checkpoint-every", every, 1.0, f32::MAX),
-        ];
-        for (name, value, low, high) in rows {
-            if !(low..=high).contains(&value) {
-                let expected = if high == f32::MAX {
-                    format!("{low} or more")
-                } else {
-                    format!("{low} to {high}")
-                };
-                return Err(TrainError::setting(name, &expected, &value.to_string()));
-            }
-        }
-        let (name, rate) = ("--learning-rate", self.learning_rate);
-        if !(rate > 0.0 && rate < 1.0) {
-            let found = rate.to_string();
-            return Err(TrainError::setting(name, "above 0 and below 1", &found));
-        }
-        Ok(())
     }
 
     /// Classes that the network learns.
@@ -152,13 +120,12 @@ impl TrainSettings {
 
     /// The settings of the losses: those of the unknown are guesses.
     pub fn losses(&self) -> LossSettings {
+        let draws = self.kind.learns_from_synthetic_unknown();
         let pushes = self.kind == NetworkKind::MetricOpen;
         LossSettings {
             prototype_scale: self.prototype_scale(),
-            variance_weight: self.variance_weight,
-            center_loss_weight: 0.5,
+            variance_weight: if draws { 0.1 } else { 0.0 },
             push_weight: if pushes { 0.5 } else { 0.0 },
-            unknown_weight: 1.0,
         }
     }
 
@@ -241,14 +208,13 @@ impl TrainSettings {
     /// from the same step, at the rate that the new number gives it.
     pub fn fingerprint(&self) -> String {
         let mut text = format!(
-            "{} {:?} batch {} seed {} rate {} scale {} variance {} augment {} database {} bf16 {}",
+            "{} {:?} batch {} seed {} rate {} scale {} augment {} database {} bf16 {}",
             self.setting.name(),
             self.architecture,
             self.batch,
             self.seed,
             self.learning_rate,
             self.prototype_scale(),
-            self.variance_weight,
             self.augment,
             self.database_frames(),
             self.bf16
@@ -290,23 +256,18 @@ mod tests {
 
     #[test]
     fn a_setting_out_of_its_range_is_named() {
-        let options = ["--setting", "kitti", "--network", "metric-open"];
-        let good = TrainSettings::of(&options, Path::new("data"), Path::new("out"));
-        assert!(good.check().is_ok() && good.variance_weight == 0.1);
-        type Change = fn(&mut TrainSettings);
-        let rate = "--learning-rate: expected above 0 and below 1, found 1";
-        let weight = "--variance-weight: expected 0 to 100, found NaN";
-        let cases: [(Change, &str); 4] = [
-            (|s| s.steps = 0, "--steps: expected 1 or more, found 0"),
-            (|s| s.batch = 65, "--batch: expected 1 to 64, found 65"),
-            (|s| s.learning_rate = 1.0, rate),
-            (|s| s.variance_weight = f32::NAN, weight),
-        ];
-        for (change, expected) in cases {
-            let mut changed = good.clone();
-            change(&mut changed);
-            let fault = changed.check().expect_err("refused");
-            assert_eq!(fault.to_string(), expected);
+        let (data, out) = (Path::new("data"), Path::new("out"));
+        let good = ["--setting", "kitti", "--network", "metric-open"];
+        assert_eq!(
+            TrainSettings::of(&good, data, out).losses().variance_weight,
+            0.1
+        );
+        for (option, value) in [("steps", "0"), ("batch", "65"), ("learning-rate", "1")] {
+            let option = format!("--{option}={value}");
+            let options = ["train", "--setting=kitti", "--data=d", "--out=o", &option];
+            let fault = TrainSettings::try_parse_from(options).expect_err("refused");
+            let named = format!("invalid value '{value}' for '{}", &option[..5]);
+            assert!(fault.to_string().contains(&named), "{fault}");
         }
     }
 

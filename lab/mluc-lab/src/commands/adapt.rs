@@ -15,7 +15,7 @@ use mluc_evaluate::pipeline::{
     write_precisions, write_profiles,
 };
 use mluc_model::{Model, SensorProfile, Takes, model_bytes};
-use mluc_refiner::{ClusterScorer, Settings};
+use mluc_refiner::Settings;
 use mluc_simulate::{Class, Split};
 use mluc_train::TrainSettings;
 use plan::{Plan, Request};
@@ -156,11 +156,7 @@ impl Adaptation<'_> {
         }
         let (scans, train) = (self.scans(Split::Train), Model::read(&trained)?);
         let dataset = Dataset::open(&scans)?;
-        let (mut manifest, mut weights) = quantized(&train, &dataset, &scans, RANGE_FRAMES)?;
-        let init = Model::read(&self.out.join("init.safetensors"))?;
-        if let Some(scorer) = ClusterScorer::of_model(&init.weights) {
-            scorer.write(&mut weights);
-        }
+        let (mut manifest, weights) = quantized(&train, &dataset, &scans, RANGE_FRAMES)?;
         let (set, frames, judgement) = self.judge(&train)?;
         manifest.provenance.threshold_choice = "one half: more likely unknown than known".into();
         let sensor = &self.plan.request.sensor;

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use anyhow::Context;
 use clap::Args;
 use mluc_evaluate::pipeline::FrameSet;
 use mluc_model::{Model, model_bytes};
@@ -40,6 +41,10 @@ pub(crate) fn run(arguments: ScoreClustersArguments) -> anyhow::Result<()> {
     let set = FrameSet::open(&arguments.data, None, arguments.frames)?;
     let scorer = counted("network", set.names().len(), |step| {
         fit_to_proposals(&model, &set, arguments.seed, step)
+    })?;
+    let scorer = scorer.with_context(|| {
+        let data = set.describe();
+        format!("{data}: expected unknown objects of the network on synthetic ones (simulate --synthetic-unknown) and beside them, found none on one side")
     })?;
     scorer.write(&mut model.weights);
     let bytes = model_bytes(&model.manifest, &model.weights)?;

@@ -3,6 +3,9 @@
 use super::{Evaluation, LossSettings, softplus};
 use crate::targets::CellClass;
 
+/// Of the loss that draws the embeddings of synthetic unknown objects to the prototypes' centre: a guess.
+const CENTER_WEIGHT: f32 = 0.5;
+
 impl Evaluation<'_> {
     /// Cross entropy of softmax(-|f - m_t|^2) (paper section 3.2, eq. 2), which for one-hot prototypes equals that of softmax(2 T f); the variance loss |f -
     /// m_Y|^2; and two of ours: |f - c|^2 of synthetic unknown objects, with the prototypes' centre c, where EDS is least (center), and |f + c|^2 of background
@@ -28,7 +31,7 @@ impl Evaluation<'_> {
             let own = match label.is {
                 CellClass::Known(class) => class as usize,
                 CellClass::Unknown => {
-                    draw(settings.center_loss_weight, centre);
+                    draw(CENTER_WEIGHT, centre);
                     continue;
                 }
                 CellClass::Background => {
@@ -52,13 +55,12 @@ impl Evaluation<'_> {
 
     /// Cross entropy of the logit of the unknown: synthetic unknown objects against known ones and background, every cell with its own weight. Background is
     /// most of it, so the logit says how rare an unknown object is. (Equal weights of the three were tried: known objects then look unknown.)
-    pub(super) fn unknown(&mut self, weight: f32) {
+    pub(super) fn unknown(&mut self) {
         let (logits, gradient) = (&self.outputs.unknown, &mut self.gradients.unknown);
         for label in self.targets.cells.iter().filter(|_| !logits.is_empty()) {
             let is_unknown = label.is == CellClass::Unknown;
             let sign = if is_unknown { -1.0 } else { 1.0 };
-            let weight = weight * label.weight;
-            let x = sign * logits[label.row as usize];
+            let (weight, x) = (label.weight, sign * logits[label.row as usize]);
             self.losses.unknown += f64::from(weight * softplus(x));
             gradient[label.row as usize] += sign * weight / (1.0 + (-x).exp());
         }

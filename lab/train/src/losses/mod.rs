@@ -1,6 +1,6 @@
 //! The losses: each returns its value and its gradient with respect to the logits.
 //!
-//! L = objectness + metric + variance_weight * variance + center_loss_weight * center + push_weight * push + unknown_weight * unknown +
+//! L = objectness + metric + variance_weight * variance + 0.5 center + push_weight * push + unknown +
 //! 2 * box + 0.2 * direction; the mean over frames. Objectness, box and direction are sums over a frame's anchors divided by its
 //! positives (at least 1), as in the public SECOND. Center, push (logged together as center) and unknown are ours.
 
@@ -17,12 +17,8 @@ pub struct LossSettings {
     pub prototype_scale: f32,
     /// Weight of the variance loss; 0 in the paper.
     pub variance_weight: f32,
-    /// Weight of the loss that draws the embeddings of synthetic unknown objects to the prototypes' centre.
-    pub center_loss_weight: f32,
     /// Weight of the loss that draws the embeddings of background to the centre's mirror image.
     pub push_weight: f32,
-    /// Weight of the logit of the unknown.
-    pub unknown_weight: f32,
 }
 
 /// Values of the losses, weighted as in the sum, averaged over frames.
@@ -96,7 +92,7 @@ pub fn evaluate(
     };
     all.objectness(plan);
     all.metric(settings, classes);
-    all.unknown(settings.unknown_weight);
+    all.unknown();
     all.positives();
     (all.losses, all.gradients)
 }

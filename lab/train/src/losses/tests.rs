@@ -11,9 +11,7 @@ use crate::testing::{assert_gradient, assert_slope};
 const SETTINGS: LossSettings = LossSettings {
     prototype_scale: 1.5,
     variance_weight: 0.1,
-    center_loss_weight: 0.4,
     push_weight: 0.4,
-    unknown_weight: 0.9,
 };
 
 /// A frame of 4 x 4 cells with two anchors: 3 listed rows and the background of up 1, a listed half cell and the

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use mluc_dataset::{file_stems, read_scan};
+use mluc_dataset::{Dataset, read_scan};
 use mluc_evaluate::render;
 use mluc_ingest::estimate::{Estimator, SensorEstimate};
 use mluc_model::SensorProfile;
@@ -120,10 +120,8 @@ fn scan_files(input: &Path) -> Result<Vec<PathBuf>> {
     if input.is_file() {
         return Ok(vec![input.to_path_buf()]);
     }
-    let inner = input.join("velodyne");
-    let folder = if inner.is_dir() { &inner } else { input };
-    let names = file_stems(folder, "bin", "scans that end in .bin")?;
-    let files = names.iter().map(|name| folder.join(format!("{name}.bin")));
+    let folder = Dataset::open(input)?;
+    let files = folder.names().iter().map(|name| folder.scan_path(name));
     Ok(files.collect())
 }
 
