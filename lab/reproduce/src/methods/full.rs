@@ -1,7 +1,7 @@
 //! Our whole method: boxes of the classes that the logit of the unknown doubts, and boxes without a class; each refined by the
 //! range-scaled clustering, ranked by objectness x P(unknown) x the score of its cluster, sizes of no road user last.
 //!
-//! The product's own gate and refiner do it: with every part this is what `mluc up` runs. A known object is removed only
+//! The product's own gate and refiner do it: with every part this is what `mluc up` runs, but each box is read once. A known object is removed only
 //! where the gate fires and P(unknown) is one half or more.
 
 use super::MethodInput;
