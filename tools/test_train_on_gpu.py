@@ -39,6 +39,8 @@ def compare(folder, family, *options):
         assert abs(value - expected[name]) <= near * expected[name] + 1e-6, (options, name, value, expected[name])
     run(sys.executable, TOOL, there, input=stream)
     ours, theirs = (load_file(place / "model.safetensors") for place in (here, there))
+    # mluc-lab train fits it at the end; here mluc-lab score-clusters does.
+    ours.pop("clusters.looks", None)
     assert ours.keys() == theirs.keys()
     for name, values in ours.items():
         if name.endswith("running_mean"):
