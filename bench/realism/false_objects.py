@@ -11,6 +11,7 @@ What is done already is kept. OUT gets `results.json` and `table.md`. Needs noth
 
 import argparse
 import json
+import os
 import subprocess
 from pathlib import Path
 
@@ -52,7 +53,7 @@ def judged(options, model):
     for at, folder in enumerate(options.real):
         lines = model.with_name(f"objects-{at}.jsonl")
         with open(lines, "wb") as file:
-            subprocess.check_call([options.mluc, "up", "--input", folder, "--model", model, "--pace", "complete", "--profile", "all"], stdout=file)
+            subprocess.check_call([options.mluc, "up", "--input", folder, "--model", model, "--pace", "complete", "--profile", "all", "--instance", f"false-objects-{os.getpid()}"], stdout=file)
         where += ["--labels", folder / "label_2", "--calib", folder / "calib", "--detections", lines]
     where += ["--classes", "car,pedestrian,cyclist", "--iou", "car=0.5,pedestrian=0.25,cyclist=0.25", "--unknown", options.unknown, "--json"]
     report = json.loads(subprocess.check_output([options.lab, "evaluate", "operating", *where]))

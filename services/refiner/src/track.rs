@@ -40,7 +40,7 @@ impl Default for TrackSettings {
     fn default() -> TrackSettings {
         TrackSettings {
             distance_max_m: 1.5,
-            confirm_hits: 3,
+            confirm_hits: 5,
             window: 10,
             probability_min: 0.4,
         }

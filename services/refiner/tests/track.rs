@@ -39,8 +39,14 @@ fn seen_at(sequences: &[u64], x_m: impl Fn(u64) -> f32) -> Vec<Object> {
     sequences.iter().map(&mut see).collect()
 }
 
+/// That confirms from the third sighting on.
 fn tracker() -> Tracker {
-    Tracker::new(TrackSettings::default()).unwrap()
+    let (confirm_hits, default) = (3, TrackSettings::default());
+    Tracker::new(TrackSettings {
+        confirm_hits,
+        ..default
+    })
+    .unwrap()
 }
 
 /// What becomes of one that is likely an object by a probability, in 14 frames at (20 + speed x time, 1); the sensor does not move.
