@@ -6,12 +6,13 @@
 
 The weights of the network stay. Its score of clusters is fitted anew to scans with synthetic unknown objects: in the first row with every kind of background, in
 each further row without one (`mluc-lab simulate --without`). Each row is judged on the folders of --real, with everything published; nothing is chosen on them.
-What is done already is kept. OUT gets `results.json` and `table.md`. Needs nothing but Python.
+What is done already is kept. A folder in OUT, of model, family and frames, gets `results.json` and `table.md`. Needs nothing but Python.
 """
 
 import argparse
 import json
 import os
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -37,6 +38,7 @@ def arguments():
 def scored(options, kind):
     """The model with a score of clusters that never saw a kind of background."""
     folder = options.out / (kind or "all")
+    shutil.rmtree(folder / "partial", ignore_errors=True)
     model = folder / "model.safetensors"
     if not (folder / "train").exists():
         command = [options.lab, "simulate", "--family", options.family, "--split", "train", "--synthetic-unknown", "--seed", "1977"]
@@ -73,6 +75,8 @@ def table(results):
 
 def main():
     options = arguments()
+    # Rows of another model or family are others.
+    options.out = options.out / f"{options.model.stem}-{options.family}-{options.frames}"
     options.out.mkdir(parents=True, exist_ok=True)
     path = options.out / "results.json"
     results = json.loads(path.read_text()) if path.exists() else {}

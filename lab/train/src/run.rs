@@ -141,8 +141,9 @@ impl Run {
                 self.judge(notify)?;
             }
         }
-        self.save()?;
+        // A file with all steps is a finished one, so it has its score.
         self.score_clusters(notify)?;
+        self.save()?;
         self.judge(notify)?;
         self.save()
     }
@@ -150,7 +151,7 @@ impl Run {
     /// The finished network of `mluc-full` is told which of the clusters that it proposes are objects.
     fn score_clusters(&mut self, notify: Notify) -> Result<(), TrainError> {
         if self.settings.kind == NetworkKind::MlucFull {
-            let model = Model::read(&self.model_path())?;
+            let model = Model::from_bytes(&self.model()?)?;
             let set = FrameSet::open(&self.settings.data.join("train"), None, CLUSTER_FRAMES)?;
             self.cluster_scorer = fit_to_proposals(&model, &set, self.settings.seed, || ())?;
             if self.cluster_scorer.is_none() {

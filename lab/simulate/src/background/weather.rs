@@ -7,7 +7,7 @@ use super::{Thing, Yard};
 /// Of scenes in the open: to be wet, to be cold.
 const CHANCES: [f32; 2] = [0.08, 0.08];
 
-/// Behind each vehicle with some chance: puffs of one to eight widths' reach.
+/// Behind each vehicle with some chance: puffs up to some metres back.
 pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     let lot = dice.unit();
     let is_wet = lot < CHANCES[0];
