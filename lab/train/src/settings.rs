@@ -1,7 +1,7 @@
 //! The settings of a training run.
 
+use std::convert::Infallible;
 use std::path::{Path, PathBuf};
-use std::{convert::Infallible, ffi::OsStr};
 
 use clap::{Parser, builder::RangedU64ValueParser};
 use mluc_dataset::{KITTI_CLASSES, SIMULATED_CLASSES};
@@ -80,10 +80,10 @@ impl TrainSettings {
     /// # Panics
     /// Where they are none of its options.
     pub fn of(options: &[&str], data: &Path, out: &Path) -> TrainSettings {
-        let options = ["train"].iter().chain(options).map(OsStr::new);
-        let folders = [("--data", data), ("--out", out)].into_iter();
-        let folders = folders.flat_map(|(option, folder)| [OsStr::new(option), folder.as_os_str()]);
-        TrainSettings::try_parse_from(options.chain(folders)).expect("options of the trainer")
+        let options = ["train", "--data=.", "--out=."].iter().chain(options);
+        let mut settings = TrainSettings::try_parse_from(options).expect("options of the trainer");
+        (settings.data, settings.out) = (data.into(), out.into());
+        settings
     }
 
     /// Classes that the network learns.
@@ -256,12 +256,11 @@ mod tests {
 
     #[test]
     fn a_setting_out_of_its_range_is_named() {
-        let (data, out) = (Path::new("data"), Path::new("out"));
+        // A folder's name may begin as an option does.
+        let (data, out) = (Path::new("data"), Path::new("-out"));
         let good = ["--setting", "kitti", "--network", "metric-open"];
-        assert_eq!(
-            TrainSettings::of(&good, data, out).losses().variance_weight,
-            0.1
-        );
+        let losses = TrainSettings::of(&good, data, out).losses();
+        assert_eq!(losses.variance_weight, 0.1);
         for (option, value) in [("steps", "0"), ("batch", "65"), ("learning-rate", "1")] {
             let option = format!("--{option}={value}");
             let options = ["train", "--setting=kitti", "--data=d", "--out=o", &option];

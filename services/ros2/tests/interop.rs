@@ -33,8 +33,8 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
     let lines = expected.iter().map(|line| format!("{line}\n"));
     write_file(&told, lines.collect::<String>());
     let scans = std::mem::replace(&mut setting.input, "ros2:/points".into());
-    // Not that of another test, or of a robot beside this machine.
-    let domain = (101 + std::process::id() % 100).to_string();
+    // Not that of another test, or of a robot beside this machine. Above 101 its ports are those that any socket may get.
+    let domain = (51 + std::process::id() % 50).to_string();
     let start = |command: &mut Command| Running::start(command.env("ROS_DOMAIN_ID", &domain));
     let mut run = start(&mut setting.up_command("--pace sensor"));
     let mut publish = Command::new(built_program("mluc"));
@@ -46,7 +46,8 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
     let doctor = doctor.spawn().expect("started");
     // It compares the objects of each cloud with those of its file.
     let cyclone = start(cyclone.args([scans, told])).finish_within(Duration::from_secs(120));
-    assert_eq!(cyclone.code, Some(0), "{} {}", cyclone.log, run.log());
+    let logs = [&cyclone.log, &run.log(), &publish.log()];
+    assert_eq!(cyclone.code, Some(0), "{logs:#?}");
     let doctor = doctor.wait_with_output().expect("ended").stdout;
     let doctor = String::from_utf8_lossy(&doctor);
     let mut lines = doctor.lines();
@@ -80,7 +81,7 @@ fn points_are_corrected_by_odometry_and_by_transforms() {
     let told = setting.folder.path().join("expected.jsonl");
     write_file(&told, "");
     let scans = std::mem::replace(&mut setting.input, "ros2:/points".into());
-    let domain = (1 + std::process::id() % 100).to_string();
+    let domain = (1 + std::process::id() % 50).to_string();
     let start = |command: &mut Command| Running::start(command.env("ROS_DOMAIN_ID", &domain));
     cyclone.args([&scans, &told]).arg("moving");
     for option in ["", "--odometry /tf"] {
