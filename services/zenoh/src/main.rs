@@ -38,7 +38,7 @@ struct Cli {
     /// Where peers may connect, tcp/127.0.0.1:7447 [default: nowhere].
     #[arg(long, value_name = "LOCATOR")]
     listen: Vec<String>,
-    /// Configuration of zenoh itself (JSON5): access control, certificates, multicast. --connect and --listen come on top.
+    /// Configuration of zenoh itself (JSON5): access control, multicast. --connect and --listen come on top.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Publish the clouds too: 16 bytes a point and 4 for its object, 2.4 MB a scan of 120,000.
