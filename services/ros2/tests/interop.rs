@@ -46,8 +46,8 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
     let doctor = doctor.spawn().expect("started");
     // It compares the objects of each cloud with those of its file.
     let cyclone = start(cyclone.args([scans, told])).finish_within(Duration::from_secs(120));
-    let logs = [&cyclone.log, &run.log(), &publish.log()];
-    assert_eq!(cyclone.code, Some(0), "{logs:#?}");
+    let log = [&*cyclone.log, &run.log(), &publish.log()].concat();
+    assert_eq!(cyclone.code, Some(0), "{log}");
     let doctor = doctor.wait_with_output().expect("ended").stdout;
     let doctor = String::from_utf8_lossy(&doctor);
     let mut lines = doctor.lines();
