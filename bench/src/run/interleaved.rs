@@ -9,8 +9,7 @@ use mluc::{EXIT_WARNINGS, terminal::print_out};
 use serde_json::Value;
 
 use super::folder::{self, FOLDERS};
-use super::{compare::compared, plan::Plan};
-use super::{progress, show};
+use super::{compare::compared, plan::Plan, progress, show};
 use crate::report::{FrameRecord, number, report_of};
 use crate::save;
 

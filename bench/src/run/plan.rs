@@ -4,11 +4,8 @@ use std::path::{Path, PathBuf};
 use std::{fmt::Display, ops::RangeInclusive, time::Duration};
 
 use anyhow::{Context, Result};
-use mluc::bundled::BundledScans;
-use mluc::external::installed_program;
-use mluc::resolve::file_layer;
-use mluc::settings::DEFAULT_MODEL;
-use mluc::{UsageError, document, model};
+use mluc::{UsageError, document, model, settings::DEFAULT_MODEL};
+use mluc::{bundled::BundledScans, external::installed_program, resolve::file_layer};
 use mluc_model::Model;
 use mluc_refiner::Variant as RefinerVariant;
 use mluc_sources::{Source, files::Layout};

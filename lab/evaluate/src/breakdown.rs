@@ -5,8 +5,7 @@
 use crate::curve::Curve;
 use crate::matching::{InBin, match_frame};
 use crate::report::{ApEntry, render};
-use crate::rings::FrameRings;
-use crate::{ClassRule, Difficulty, LabelledFrame, Metric};
+use crate::{ClassRule, Difficulty, LabelledFrame, Metric, rings::FrameRings};
 use mluc_dataset::Label;
 use mluc_geometry::Box3;
 use rayon::prelude::*;

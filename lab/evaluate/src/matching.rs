@@ -7,9 +7,7 @@
 //! Terms: a label or detection is *valid* when it counts, *ignored* when it may take part in a match that then counts neither way (too small, too occluded, a
 //! neighbour class). Labels keep file order; a match needs an overlap strictly above the class' least one.
 
-use crate::curve::Curve;
-use crate::frame::score_of;
-use crate::{ClassRule, Difficulty, LabelledFrame, Metric};
+use crate::{ClassRule, Difficulty, LabelledFrame, Metric, curve::Curve, frame::score_of};
 use mluc_geometry::{iou_2d, iou_3d, iou_bev, overlap_of_first_2d};
 
 /// A label that takes part.

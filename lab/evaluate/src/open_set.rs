@@ -1,9 +1,8 @@
 //! The open-set figures of any choice of frames (paper, section 4.1): mAP of the known, AP and recall of the unknown,
 //! their harmonic mean, and how many unknown objects were taken for known ones (absolute open-set error; Dhamija et al., WACV 2020).
 
-use crate::curve::Curve;
 use crate::{AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind};
-use crate::{frame::score_of, matching::match_frame};
+use crate::{curve::Curve, frame::score_of, matching::match_frame};
 use mluc_dataset::Label;
 use mluc_geometry::{Random, iou_3d, mean_and_spread, mix, resample};
 use rayon::prelude::*;

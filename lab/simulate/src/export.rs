@@ -3,9 +3,8 @@
 //! `velodyne/*.bin` (x, y, z, intensity as little-endian f32), `label_2/*.txt`, `calib/*.txt`, `planes/*.txt`, `instances/*.u16` (little-endian, one a point)
 //! and `ImageSets/SPLIT.txt`; sequences also `poses.txt` (x, y, z, yaw of the sensor in the frame of the sequence's first scan) and `timestamps.txt`.
 
-use super::labels::calibration;
 use super::{Class, Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Split};
-use super::{Shown, Stream, Turn, turn};
+use super::{Shown, Stream, Turn, labels::calibration, turn};
 use clap::Parser;
 use mluc_dataset::{DatasetError, Label, make_folders, scan_bytes, write_file};
 use mluc_geometry::{Calibration, limit_period};

@@ -16,12 +16,8 @@ use crate::database::Database;
 use crate::error::TrainError;
 use crate::kind::Setting;
 use crate::plan::{Plan, Planner};
-use crate::scan::LabelledScan;
-use crate::settings::TrainSettings;
-use crate::source::ScanSource;
-use crate::stream;
 use crate::targets::{CellClass, CellLabel, Targets};
-use crate::thin::thin;
+use crate::{scan::LabelledScan, settings::TrainSettings, source::ScanSource, stream, thin::thin};
 
 /// Batches of a thread that wait at most: bounds the memory.
 const QUEUE: usize = 2;

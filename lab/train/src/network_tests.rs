@@ -6,15 +6,13 @@ use std::ops::Range;
 use mluc_geometry::{Box3, Random};
 use mluc_model::{HeadKind, Manifest, Network};
 
-use crate::anchors::Anchors;
-use crate::batch_targets::BatchTargets;
-use crate::halo::Cells;
 use crate::losses::{self, LossSettings};
 use crate::network::{Chain, Outputs, Pass, StepInput};
 use crate::plan::{MapPlan, Plan, Planner};
 use crate::pool::Pool;
 use crate::scan::LabelledObject;
 use crate::testing::assert_slope;
+use crate::{anchors::Anchors, batch_targets::BatchTargets, halo::Cells};
 
 const LOSSES: LossSettings = LossSettings {
     prototype_scale: 2.0,

@@ -7,15 +7,8 @@ use mluc_geometry::{Box3, Random, limit_period};
 use mluc_head::{Head, decode};
 use mluc_model::{Grid, Manifest, Model, Network, model_bytes};
 
-use crate::anchors::Anchors;
-use crate::export;
-use crate::losses::LossSettings;
-use crate::network::StepInput;
-use crate::optimizer::Schedule;
-use crate::plan::Planner;
-use crate::pool::Pool;
-use crate::scan::LabelledObject;
-use crate::trainer::Trainer;
+use crate::{anchors::Anchors, export, losses::LossSettings, network::StepInput, plan::Planner};
+use crate::{optimizer::Schedule, pool::Pool, scan::LabelledObject, trainer::Trainer};
 
 /// The compact network on a smaller range, and a scan in it.
 fn setup() -> (Network, Vec<[f32; 4]>) {

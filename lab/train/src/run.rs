@@ -12,12 +12,10 @@ use crate::database::{self, Database, mean_boxes};
 use crate::error::TrainError;
 use crate::loader::{BatchQueue, DataLoader};
 use crate::log::{Log, TrainEvent};
-use crate::optimizer::Schedule;
-use crate::settings::TrainSettings;
-use crate::source::ScanSource;
-use crate::trainer::Trainer;
-use crate::validate::validate;
-use crate::{NetworkKind, check, checkpoint, export, import, run_folder, stream};
+use crate::{
+    NetworkKind, check, checkpoint, export, import, run_folder, stream, validate::validate,
+};
+use crate::{optimizer::Schedule, settings::TrainSettings, source::ScanSource, trainer::Trainer};
 
 /// Frames that the cluster scorer is fitted on.
 const CLUSTER_FRAMES: usize = 1200;

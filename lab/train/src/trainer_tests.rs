@@ -4,14 +4,10 @@ use std::path::Path;
 
 use mluc_model::{Grid, HeadKind, Manifest, Network};
 
-use crate::layers::Linear;
-use crate::loader::Batch;
-use crate::losses::LossSettings;
 use crate::network_tests::{scans, small, targets};
-use crate::optimizer::Schedule;
 use crate::plan::Planner;
-use crate::trainer::Trainer;
-use crate::{checkpoint, export, import};
+use crate::{checkpoint, export, import, trainer::Trainer};
+use crate::{layers::Linear, loader::Batch, losses::LossSettings, optimizer::Schedule};
 
 fn batch(step: u64) -> Batch {
     let network = small();

@@ -2,10 +2,8 @@
 
 use std::{rc::Rc, time::Duration};
 
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::PortFactory;
 use iceoryx2::sample::Sample;
+use iceoryx2::{port::listener::Listener, port::subscriber::Subscriber, prelude::PortFactory};
 use mluc_ipc_types::{FrameHeader, Topic};
 
 use crate::error::Result;

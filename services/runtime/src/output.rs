@@ -1,15 +1,12 @@
 //! The producer's end of a topic.
 
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, PortFactory};
-use iceoryx2::sample_mut::SampleMut;
+use iceoryx2::{port::notifier::Notifier, port::publisher::Publisher, sample_mut::SampleMut};
 use mluc_ipc_types::{FrameHeader, Topic};
 
 use crate::node::{DataService, IpcNode, WakeService};
-use crate::{Instance, Ipc, Payload, RuntimeError};
-use crate::{error::Result, instance::SHARED_MEMORY};
+use crate::{Instance, Ipc, Payload, RuntimeError, error::Result, instance::SHARED_MEMORY};
 
 /// Lends memory of a topic, sends it, and wakes who waits for it.
 pub struct Output<T: Payload> {

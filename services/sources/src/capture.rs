@@ -6,8 +6,7 @@ use anyhow::{Context, Result};
 use mluc_ipc_types::Flags;
 
 use crate::packets::{Calibration, Clock, Decoder, Revolution};
-use crate::{Next, Scan, numbered};
-use crate::{files::Layout, pcap::Capture, rounds::Rounds};
+use crate::{Next, Scan, files::Layout, numbered, pcap::Capture, rounds::Rounds};
 
 /// Datagrams until the caller is asked to come again: it has heartbeats to send.
 const LOOKS_MAX: u32 = 2000;

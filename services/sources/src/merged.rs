@@ -253,8 +253,7 @@ pub(crate) fn pose([x, y, z, roll_rad, pitch_rad, yaw_rad]: [f64; 6]) -> Isometr
 
 #[cfg(test)]
 mod tests {
-    use std::net::UdpSocket;
-    use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+    use std::{net::UdpSocket, sync::atomic::AtomicU32, sync::atomic::Ordering::Relaxed};
 
     use super::*;
     use crate::packets::tests::{HOUR_NS, velodyne};

@@ -6,9 +6,8 @@ use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use mcap::io::MessageReader;
 use mcap::sans_io::{LinearReaderOptions, SummaryReadEvent, SummaryReader, SummaryReaderOptions};
-use mcap::{Channel, Summary};
+use mcap::{Channel, Summary, io::MessageReader};
 use mluc_ipc_types::Flags;
 
 use crate::files::{CLOUDS, Cloud, Layout};

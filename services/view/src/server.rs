@@ -12,11 +12,10 @@ use anyhow::Context;
 use mluc_gateway::ros2::topics;
 use mluc_view::{Follower, Moment, TOPICS, subscribe};
 use serde_json::{Value, json};
-use tungstenite::error::ProtocolError::ResetWithoutClosingHandshake;
 use tungstenite::handshake::server::{Request, Response};
-use tungstenite::http::HeaderValue;
 use tungstenite::protocol::WebSocketConfig;
 use tungstenite::{Error, HandshakeError, Message, accept_hdr_with_config};
+use tungstenite::{error::ProtocolError::ResetWithoutClosingHandshake, http::HeaderValue};
 
 const PAGE: &str = include_str!("page.html");
 const PAGE_HEAD: &str =

@@ -16,13 +16,8 @@ use mluc_sources::{Open, Source, ros2_topic};
 use rustix::process::{Resource, getrlimit};
 
 use self::Verdict::{Failure, Fine, Warning};
-use crate::cli::DoctorArgs;
-use crate::external::external;
-use crate::model;
-use crate::piped::Piped;
-use crate::settings::StageSettings;
-use crate::terminal::print_out;
-use crate::{EXIT_FAILURE, UsageError};
+use crate::{EXIT_FAILURE, UsageError, terminal::print_out};
+use crate::{cli::DoctorArgs, external::external, model, piped::Piped, settings::StageSettings};
 
 /// A pipeline makes a few hundred files in shared memory; a process of it has at most as many open.
 const FILES_MIN: u64 = 1000;

@@ -16,12 +16,8 @@ use anyhow::{Context, Result, bail};
 use mluc_runtime::{ClaimNote, Instance, Shell, log_to_stderr};
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::cli::PipelineArgs;
-use crate::control::ControlWatch;
-use crate::placement::pin;
-use crate::resolve::Resolved;
-use crate::stages::end_with;
-use crate::terminal::print_out;
+use crate::{cli::PipelineArgs, control::ControlWatch, placement::pin, resolve::Resolved};
+use crate::{stages::end_with, terminal::print_out};
 
 pub(crate) use demo::demo;
 pub use doctor::doctor;
