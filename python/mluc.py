@@ -12,6 +12,7 @@ import shutil
 import signal
 import sys
 import time
+from collections import deque
 from types import SimpleNamespace
 
 import iceoryx2 as iox
@@ -21,6 +22,7 @@ WIRE_VERSION, REFINER, NONE = 6, 3, 2**32 - 1
 INGEST = 0
 POINTS_MAX, OBJECT_POINTS_MAX, DETECTIONS_MAX, HEARTBEAT_NS, SILENCE_NS = 262_144, 131_072, 512, 100_000_000, 1_000_000_000
 THINNED = 4  # a bit of an object's flags
+GATES = 4  # codes of `gate`: 0 to 3
 FOOTPRINT_MAX, FINITE = 16, ("center_m", "size_m", "yaw_rad", "score", "eds", "eds_normalised", "threshold", "overlap")
 # Bits of a header's flags.
 TRUNCATED, DEGRADED, LIMIT_HIT, NOT_FINITE, POINTS_GONE, EMPTY = 1 << 1, 1 << 2, 1 << 3, 1 << 5, 1 << 7, 1 << 8
@@ -68,6 +70,16 @@ TOPICS = {
     "status": (Status, 1, 16, 1, 1, 1, 1),
 }
 TOPICS.update({"health/" + stage: TOPICS["health/refiner"] for stage in ("ingest", "backbone", "head")})
+
+
+def is_probability(values):
+    """0 to 1; -1: the model does not tell it."""
+    return (values == -1) | (values >= 0) & (values <= 1)
+
+
+def text(words, size):
+    """UTF-8 of a text, cut between characters, padded with NUL."""
+    return words.encode(errors="replace")[:size].decode(errors="ignore").encode().ljust(size, b"\0")
 
 
 def view(sample, element, count):
@@ -246,9 +258,10 @@ class Consumer(Watch):
                 self.listener.timed_wait(iox.Duration.from_millis(50))
             except iox.ListenerWaitError:  # a signal came
                 continue
+            # First the objects: what they belong to was sent before them.
+            sample = newest_sample(self.objects)
             self.follow()
             self.take_scans()
-            sample = newest_sample(self.objects)
             if sample is None:
                 continue
             frame = self.frame(sample)
@@ -290,6 +303,7 @@ class Consumer(Watch):
         """The objects; None, said on stderr: their numbers make no sense."""
         sound = all(np.isfinite(objects[name]).all() for name in FINITE)
         sound &= (objects["kind"] < 2).all() and (objects["disposition"] <= LOW_SCORE).all()
+        sound &= (objects["gate"] < GATES).all() and is_probability(objects["unknown_probability"]).all()
         sound &= (objects["class_id"] < self.run.classes_count).all() and (objects["footprint_count"] <= FOOTPRINT_MAX).all()
         sound &= ((objects["suppressed_by"] == NONE) | (objects["suppressed_by"] < len(objects))).all()
         sound &= (objects["points_first"].astype(np.uint64) + objects["points_count"] <= OBJECT_POINTS_MAX).all()
@@ -316,7 +330,7 @@ class Stage(Member):
         self.name, self.number = name, number
         super().__init__()
         self.outputs = {topic: self.output(topic) for topic in (*outputs, "health/" + name)}
-        self.times, self.beats = [0], 0
+        self.times, self.beats = deque([0], 1000), 0
         self.health = Health(wire_version=WIRE_VERSION, stage=number, pid=os.getpid())
         self.end_on_signals()
         self.say(WAITING_INPUT, "waiting for a run")
@@ -355,9 +369,8 @@ class Stage(Member):
     def say(self, state, reason=""):
         """A heartbeat: every 0.1 s, and at once when the state changes."""
         self.health.run_id = self.run.run_id
-        self.health.state, self.health.reason[:] = state, reason.encode()[:192].ljust(192, b"\0")
-        percentiles = np.percentile(self.times[-1000:], (50, 99, 100))
-        self.health.run_p50_us, self.health.run_p99_us, self.health.run_max_us = (int(run) for run in percentiles)
+        self.health.state, self.health.reason[:] = state, text(reason, 192)
+        self.health.run_p50_us, self.health.run_p99_us = (int(run) for run in np.percentile(self.times, (50, 99)))
         header = FrameHeader(wire_version=WIRE_VERSION, run_id=self.run.run_id, sequence=self.beats)
         self.send("health/" + self.name, header, np.frombuffer(self.health, np.dtype(Health)))
         self.beats, self.said_ns, self.state = self.beats + 1, time.monotonic_ns(), (state, reason)
@@ -369,6 +382,7 @@ class Stage(Member):
     def done(self, started_ns):
         """Counts a frame that was published."""
         self.times.append((time.monotonic_ns() - started_ns) // 1000)
+        self.health.run_max_us = max(self.health.run_max_us, self.times[-1])
         self.health.frames_in, self.health.frames_out = self.health.frames_in + 1, self.health.frames_out + 1
 
     def leave(self, reason=""):
@@ -428,14 +442,16 @@ class Source(Stage):
         started_ns, points = time.monotonic_ns(), np.asarray(points, np.float32)
         if points.ndim != 2 or points.shape[1] != 4 or self.sequence is None:
             raise ValueError(f"expected an array of N rows and 4 columns after wait() was true, found {points.shape}")
-        finite = np.isfinite(points).all(1)
-        kept = np.ascontiguousarray(points[finite][:POINTS_MAX])
-        flags = NOT_FINITE * (not finite.all()) | TRUNCATED * (finite.sum() > POINTS_MAX) | EMPTY * (not len(kept))
-        header = FrameHeader(wire_version=WIRE_VERSION, flags=int(flags), run_id=self.run.run_id, sequence=self.sequence,
+        finite = points[np.isfinite(points).all(1)]
+        kept = np.ascontiguousarray(finite[:POINTS_MAX])
+        beyond = len(finite) - len(kept)
+        flags = NOT_FINITE * (len(finite) < len(points)) | TRUNCATED * (beyond > 0) | EMPTY * (not len(kept))
+        header = FrameHeader(wire_version=WIRE_VERSION, flags=flags, run_id=self.run.run_id, sequence=self.sequence,
                              sensor_stamp_ns=time.time_ns() if stamp_ns is None else stamp_ns, points_in=len(points),
-                             points_dropped=len(points) - len(kept), model_fingerprint=self.run.model_fingerprint)
+                             points_dropped=len(points) - len(kept), limit_dropped=beyond,
+                             model_fingerprint=self.run.model_fingerprint)
         header.stages[0:2] = started_ns, started_ns
-        header.name[:] = (name or f"{self.sequence:06}").encode()[:48].ljust(48, b"\0")
+        header.name[:] = text(name or f"{self.sequence:06}", 48)
         self.send("points", header, kept)
         self.sequence += 1
         self.health.bytes_written = kept.nbytes

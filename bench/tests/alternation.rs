@@ -28,6 +28,13 @@ fn two_refiners_are_measured_on_the_same_frames() {
     assert_eq!(a["scenario"]["refiner"], "none");
     assert_eq!(b["scenario"]["refiner"], "range-scaled");
     assert_eq!(a["frames"]["in"], b["frames"]["in"]);
+    // The noisiest round's, and the last one's.
+    let others = |report: &Value| report["quiet"]["other_processes_share_of_all_cores"].as_f64();
+    let rounds = [0, 1].map(|n| out.join(format!("a/round-{n}/report.json")));
+    let shares = rounds.iter().filter_map(|path| others(&read_json(path)));
+    assert_eq!(others(&a), shares.reduce(f64::max));
+    assert!(a["stages"]["backbone"]["resources"]["cpu_cores"].as_f64() > Some(0.0));
+    assert!(a["hops"]["points"]["payload_bytes"].as_f64() > Some(0.0));
     assert_has(&run.text(), &["refiner run p50", "end to end p50"]);
 }
 

@@ -10,6 +10,7 @@ namespace {
 const char *const kStates[] = {"starting", "running", "degraded", "blind", "late", "stopped"};
 
 void print(const mluc_result &result, bool is_first, const mluc_object &object) {
+    // A name of 32 bytes has no NUL behind it.
     const char *name = object.kind == MLUC_UNKNOWN ? "unknown" : result.run->class_names[object.class_id];
     // None of them is there where a scan's points are gone.
     const size_t count = result.indices_count == 0 ? 0 : object.points_count;
@@ -18,7 +19,7 @@ void print(const mluc_result &result, bool is_first, const mluc_object &object) 
         const float z_m = result.points[result.indices[object.points_first + i]].z_m;
         if (i == 0 || z_m > top_m) top_m = z_m;
     }
-    std::printf("%s{\"class\": \"%s\", \"score\": %g, \"center_m\": [%g, %g, %g], \"size_m\": [%g, %g, %g], \"yaw_rad\": %g, "
+    std::printf("%s{\"class\": \"%.32s\", \"score\": %g, \"center_m\": [%g, %g, %g], \"size_m\": [%g, %g, %g], \"yaw_rad\": %g, "
                 "\"points\": %zu, \"top_m\": %g}",
                 is_first ? "" : ", ", name, object.score, object.center_m[0], object.center_m[1], object.center_m[2], object.size_m[0],
                 object.size_m[1], object.size_m[2], object.yaw_rad, count, top_m);

@@ -42,7 +42,8 @@ def refine(points, boxes, classes):
     """An object for each detection, and indices of their points: known ones take theirs first, then the surest."""
     numbers = np.column_stack([boxes[name] for name in SAME[2:]])
     sound = (np.abs(numbers) < 1e4).all(1) & (boxes["size_m"] > 0).all(1)  # false for NaN
-    sound &= (boxes["class_id"] < classes) & (boxes["kind"] < 2)
+    sound &= (boxes["class_id"] < classes) & (boxes["kind"] < 2) & (boxes["gate"] < mluc.GATES)
+    sound &= mluc.is_probability(boxes["unknown_probability"])
     o, owner, lists = np.zeros(len(boxes), mluc.Object), np.full(len(points), -1), [[]] * len(boxes)
     for name in SAME:
         o[name] = np.where(sound, boxes[name].T, 0).T

@@ -23,12 +23,12 @@ def scans(folder):
 
 
 source = mluc.Source()
-source.wait()
-# One that was started again after a fault goes on behind its predecessor's scans.
-for number, (name, points) in enumerate(scans(sys.argv[1])):
-    if number < source.sequence:
-        continue
-    if not source.wait(PERIOD_S):  # false: asked to end
-        break
-    source.publish(points, name=name)
+if source.wait():  # false: asked to end
+    for number, (name, points) in enumerate(scans(sys.argv[1])):
+        # One that was started again after a fault goes on behind its predecessor's scans.
+        if number < source.sequence:
+            continue
+        if not source.wait(PERIOD_S):
+            break
+        source.publish(points, name=name)
 source.finish()

@@ -4,6 +4,7 @@
 
 use crate::boxes::{Box3, limit_period};
 use crate::image::{ImageSize, pixel_bounds};
+use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// The map from sensor to camera cannot be inverted, or holds a value that is not finite.
@@ -31,11 +32,8 @@ impl CameraBox {
     pub fn upright(&self) -> Box3 {
         let [x, y, z] = self.location_m;
         let [h, w, l] = self.size_hwl_m;
-        Box3 {
-            center_m: [z, -x, -y + h / 2.0],
-            size_m: [l, w, h],
-            yaw_rad: -(self.rotation_y_rad + FRAC_PI_2),
-        }
+        let yaw_rad = -(self.rotation_y_rad + FRAC_PI_2);
+        Box3::new([z, -x, -y + h / 2.0, l, w, h, yaw_rad])
     }
 
     /// The eight corners in the camera frame, m: four of the bottom face in order, then the four above them.
@@ -72,11 +70,12 @@ impl Calibration {
         r0_rect: [[f64; 3]; 3],
         velo_to_cam: [[f64; 4]; 3],
     ) -> Result<Calibration, CalibrationError> {
-        let turn = velo_to_cam.map(|row| [row[0], row[1], row[2]]);
-        let shift = velo_to_cam.map(|row| row[3]);
+        let rows = |m: [[f64; 3]; 3]| Matrix3::from(m).transpose();
+        let turn = rows(velo_to_cam.map(|row| [row[0], row[1], row[2]]));
+        let shift = Vector3::from(velo_to_cam.map(|row| row[3]));
         let rect_from_sensor = Affine {
-            linear: times_matrix(&r0_rect, &turn),
-            offset: times_vector(&r0_rect, shift),
+            linear: rows(r0_rect) * turn,
+            offset: rows(r0_rect) * shift,
         };
         let sensor_from_rect = rect_from_sensor.inverse().ok_or(CalibrationError)?;
         let mut numbers = rect_from_sensor.offset.iter().chain(p2.as_flattened());
@@ -128,11 +127,7 @@ impl Calibration {
         let [h, w, l] = label.size_hwl_m;
         let [x, y, z_bottom] = self.sensor_from_rect.apply(label.location_m);
         let yaw_rad = limit_period(-(label.rotation_y_rad + FRAC_PI_2), 0.5, 2.0 * PI);
-        Box3 {
-            center_m: [x, y, z_bottom + h / 2.0],
-            size_m: [l, w, h],
-            yaw_rad,
-        }
+        Box3::new([x, y, z_bottom + h / 2.0, l, w, h, yaw_rad])
     }
 
     /// The inverse of [`Self::box_in_sensor_from_label`].
@@ -179,57 +174,29 @@ fn visible_end_px(a: [f64; 3], b: [f64; 3]) -> Option<[f64; 2]> {
         return None;
     }
     let t = (DEPTH_MIN_M - a[2]) / (b[2] - a[2]);
-    let cut = [0, 1].map(|i| a[i] + t * (b[i] - a[i]));
-    Some([cut[0] / DEPTH_MIN_M, cut[1] / DEPTH_MIN_M])
+    Some([0, 1].map(|i| (a[i] + t * (b[i] - a[i])) / DEPTH_MIN_M))
 }
 
 /// A rotation (or any 3 x 3 map) and a translation: `target = linear * source + offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Affine {
-    linear: [[f64; 3]; 3],
-    offset: [f64; 3],
+    linear: Matrix3<f64>,
+    offset: Vector3<f64>,
 }
 
 impl Affine {
     fn apply(&self, point: [f64; 3]) -> [f64; 3] {
-        let turned = times_vector(&self.linear, point);
-        [0, 1, 2].map(|i| turned[i] + self.offset[i])
+        (self.linear * Vector3::from(point) + self.offset).into()
     }
 
     /// The inverse map, or `None` when the determinant is not a finite number away from 0.
     fn inverse(&self) -> Option<Affine> {
-        let linear = inverse_3x3(&self.linear)?;
-        let moved = times_vector(&linear, self.offset);
-        Some(Affine {
-            linear,
-            offset: moved.map(|v| -v),
-        })
+        let determinant = self.linear.determinant();
+        let is_regular = determinant.is_finite() && determinant.abs() >= 1e-9;
+        let linear = self.linear.try_inverse().filter(|_| is_regular)?;
+        let offset = -(linear * self.offset);
+        Some(Affine { linear, offset })
     }
-}
-
-fn times_vector(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
-    [0, 1, 2].map(|i| m[i][0] * v[0] + m[i][1] * v[1] + m[i][2] * v[2])
-}
-
-fn times_matrix(a: &[[f64; 3]; 3], b: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
-    [0, 1, 2].map(|i| [0, 1, 2].map(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
-}
-
-/// By the adjugate; rotations are far from singular, so nothing finer is needed.
-fn inverse_3x3(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
-    let minor =
-        |r0: usize, c0: usize, r1: usize, c1: usize| m[r0][c0] * m[r1][c1] - m[r0][c1] * m[r1][c0];
-    let determinant =
-        m[0][0] * minor(1, 1, 2, 2) - m[0][1] * minor(1, 0, 2, 2) + m[0][2] * minor(1, 0, 2, 1);
-    if !determinant.is_finite() || determinant.abs() < 1e-9 {
-        return None;
-    }
-    let adjugate = [
-        [minor(1, 1, 2, 2), -minor(0, 1, 2, 2), minor(0, 1, 1, 2)],
-        [-minor(1, 0, 2, 2), minor(0, 0, 2, 2), -minor(0, 0, 1, 2)],
-        [minor(1, 0, 2, 1), -minor(0, 0, 2, 1), minor(0, 0, 1, 1)],
-    ];
-    Some(adjugate.map(|row| row.map(|v| v / determinant)))
 }
 
 #[cfg(test)]

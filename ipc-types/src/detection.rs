@@ -158,10 +158,8 @@ mod tests {
             ..Detection::default()
         };
         change(&mut detection);
-        match Detection::checked(&FrameHeader::new(0, "a"), &[detection], 3) {
-            Ok(_) => String::new(),
-            Err(error) => error.to_string(),
-        }
+        Detection::checked(&FrameHeader::new(0, "a"), &[detection], 3)
+            .map_or_else(|error| error.to_string(), |_| String::new())
     }
 
     #[test]

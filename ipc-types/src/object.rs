@@ -36,9 +36,9 @@ pub enum Disposition {
     Oversized = 4,
     /// The detection's box made no sense (a size that is not above 0, a place that is not finite).
     InvalidBox = 5,
-    /// Not seen in enough of the last frames yet (temporal voting alone says so).
+    /// Its track is too unlikely, or was seen in too few of the last frames.
     Unconfirmed = 6,
-    /// Smaller than any road user.
+    /// Lower or narrower than what `[robot]` in the configuration counts as an obstacle.
     Undersized = 7,
     /// Its score is below what the operating profile publishes.
     LowScore = 8,
@@ -336,10 +336,8 @@ mod tests {
     }
 
     fn said_of(object: Object) -> String {
-        match Object::checked(&FrameHeader::new(0, "a"), &[object], 3) {
-            Ok(_) => String::new(),
-            Err(error) => error.to_string(),
-        }
+        Object::checked(&FrameHeader::new(0, "a"), &[object], 3)
+            .map_or_else(|error| error.to_string(), |_| String::new())
     }
 
     #[test]

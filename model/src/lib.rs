@@ -32,5 +32,6 @@ pub use tensors::{
     calibration_tensor, expected_tensors,
 };
 pub use validate::{
-    BOXES_MAX, CLASSES_MAX, FEATURE_CHANNELS_MAX, KERNEL_MAX, MAP_CELLS_MAX, VOXELS_MAX,
+    BOXES_MAX, CLASS_NAME_MAX, CLASSES_MAX, FEATURE_CHANNELS_MAX, KERNEL_MAX, MAP_CELLS_MAX,
+    VOXELS_MAX,
 };

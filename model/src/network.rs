@@ -189,6 +189,23 @@ impl Network {
         }
         shapes
     }
+    /// Most sites before the first sparse layer and after each: a strided layer turns a site into at most so many as the windows that hold it (one with
+    /// `floor`), and no level has more than its grid.
+    pub fn sites_max(&self) -> Vec<usize> {
+        let shapes = self.sparse_shapes();
+        let cells = |shape: &[usize; 3]| shape.iter().product::<usize>();
+        let mut most = vec![cells(&shapes[0]).min(self.grid.voxels_max as usize)];
+        for (layer, shape) in self.sparse.iter().zip(&shapes[1..]) {
+            let windows = |axis: usize| layer.kernel[axis].div_ceil(layer.stride[axis]);
+            let before = most[most.len() - 1];
+            most.push(if layer.submanifold || layer.floor {
+                before
+            } else {
+                cells(shape).min(before.saturating_mul((0..3).map(windows).product()))
+            });
+        }
+        most
+    }
     /// Bird's-eye map: rows (y), columns (x).
     pub fn map_shape(&self) -> [usize; 2] {
         let shapes = self.sparse_shapes();

@@ -6,7 +6,7 @@ use crate::error::{ModelError, Result};
 use crate::manifest::{AnchorClass, Manifest, Profiles, RangeBand, Takes, Thresholds};
 use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer};
 
-/// Voxels of the grid: bounds the presence bitmaps (a bit and half a bit more for each, 25 MiB).
+/// Cells of the grid and of each sparse layer's output, rows along x in whole words of 64: bounds the presence bitmaps (a bit and half a bit more for each, 25 MiB).
 const GRID_CELLS_MAX: usize = 1 << 27;
 /// Cells of the bird's-eye map; the contract's limit of a features message.
 pub const MAP_CELLS_MAX: usize = 131_072;
@@ -14,6 +14,8 @@ pub const MAP_CELLS_MAX: usize = 131_072;
 pub const FEATURE_CHANNELS_MAX: usize = 512;
 /// Known classes; the contract's limit.
 pub const CLASSES_MAX: usize = 8;
+/// Bytes of a class's name; the contract's limit.
+pub const CLASS_NAME_MAX: usize = 32;
 /// With one class there is nothing between the prototypes.
 const CLASSES_MIN: usize = 2;
 /// Boxes after suppression; the contract's limit of a detections message.
@@ -33,8 +35,12 @@ const LAYERS_MAX: usize = 64;
 /// Bands of ranges with probabilities of their own, and steps of the score in one.
 const RANGE_BANDS_MAX: usize = 16;
 const STEPS_MAX: usize = 256;
-/// Edge of the grid in voxels: coordinates are u16.
-const EDGE_MAX: f32 = 65_535.0;
+/// Edge of the grid and of each sparse layer's output, cells: coordinates are u16.
+const EDGE_MAX: usize = 65_535;
+/// Taps times input channels of a sparse layer: the sum of so many products of u8 and i8 fits an i32.
+const INPUTS_MAX: usize = i32::MAX as usize / (255 * 127);
+/// Entries of rulebooks and values of all layers, 4 bytes each, where a scan has the most sites. SECOND on KITTI's grid: 758 million with [`VOXELS_MAX`].
+const NUMBERS_MAX: usize = 1 << 30;
 
 impl Manifest {
     /// Refuses a field out of its bounds, by name.
@@ -118,8 +124,8 @@ impl Takes {
 
 impl AnchorClass {
     fn validate(&self, field: &str) -> Result<()> {
-        let (name, fits) = (&self.name, (1..=64).contains(&self.name.len()));
-        require(fits, &format!("{field}.name"), "1 to 64 bytes", name)?;
+        let bytes = self.name.len();
+        within(&format!("{field}.name: bytes"), bytes, 1, CLASS_NAME_MAX)?;
         for (axis, &size) in self.size_m.iter().enumerate() {
             within(&format!("{field}.size_m[{axis}]"), size, 0.05, 50.0)?;
         }
@@ -194,12 +200,11 @@ impl Grid {
             within(&field("voxel_size_m"), size, 1e-3, 1e4)?;
             let cells = (high - low) / size;
             let whole = (cells - cells.round()).abs() < 1e-2;
-            let fits = whole && (1.0..EDGE_MAX).contains(&cells.round());
-            let expected = "a whole number of voxels (1 to 65,534) above range_min_m";
+            let fits = whole && cells.round() >= 1.0;
+            let expected = "a whole number of voxels, 1 or more, above range_min_m";
             require(fits, &field("range_max_m"), expected, cells)?;
         }
-        let cells = self.sparse_shape().iter().product();
-        within("network.grid: voxels", cells, 1, GRID_CELLS_MAX)?;
+        validate_shape("network.grid", self.sparse_shape())?;
         let field = "network.grid.points_per_voxel_max";
         within(field, self.points_per_voxel_max, 1, 1000)?;
         within("network.grid.voxels_max", self.voxels_max, 1, VOXELS_MAX)
@@ -216,8 +221,10 @@ impl Network {
         let mut channels = 4;
         let mut shape = self.grid.sparse_shape();
         for (number, layer) in self.sparse.iter().enumerate() {
-            layer.validate(&format!("network.sparse[{number}]"), channels, shape)?;
+            let field = format!("network.sparse[{number}]");
+            layer.validate(&field, channels, shape)?;
             (channels, shape) = (layer.cout, layer.output_shape(shape));
+            validate_shape(&field, shape)?;
         }
         let cells = shape[1] * shape[2];
         within("network: cells of the map", cells, 1, MAP_CELLS_MAX)?;
@@ -229,6 +236,12 @@ impl Network {
         let channels = dense_chain("network.block1", &self.block1, map, 1)?;
         within("network.up1.cin", self.up1.cin, channels, channels)?;
         let channels = dense_chain("network.block2", &self.block2, channels, 2)?;
+        let sites_max = self.sites_max();
+        let sparse = self.sparse.iter().zip(&sites_max[1..]);
+        let sparse = sparse.map(|(layer, sites)| sites * (layer.taps() + layer.cout));
+        let dense = self.block1.iter().chain(&self.block2);
+        let numbers = sparse.chain(dense.map(|layer| cells * layer.cout)).sum();
+        within("network: rulebooks and values", numbers, 1, NUMBERS_MAX)?;
         within("network.up2.cin", self.up2.cin, channels, channels)?;
         self.validate_ups()?;
         within("network.classes", self.classes, CLASSES_MIN, CLASSES_MAX)?;
@@ -290,8 +303,17 @@ impl SparseLayer {
             let expected = "floor on a strided layer whose sites read what they stand for";
             require(!self.floor || reads_own, field, expected, "another")?;
         }
-        Ok(())
+        let inputs = self.taps() * self.cin;
+        within(&format!("{field}: taps x cin"), inputs, 1, INPUTS_MAX)
     }
+}
+
+/// Bounds a grid of z, y, x cells.
+fn validate_shape(field: &str, shape: [usize; 3]) -> Result<()> {
+    let edge = shape.into_iter().max().unwrap_or(0);
+    within(&format!("{field}: longest edge"), edge, 1, EDGE_MAX)?;
+    let cells = shape[0] * shape[1] * shape[2].next_multiple_of(64);
+    within(&format!("{field}: cells"), cells, 1, GRID_CELLS_MAX)
 }
 
 /// Checks a block and gives its output channels.

@@ -75,6 +75,8 @@ fn a_run_without_a_usable_frame_fails_and_one_with_a_usable_frame_does_not() {
     let garbage = setting.run("");
     garbage.assert_ended(1, 3);
     garbage.assert_says(&["no frame was usable", "empty 3"]);
+    let silent = setting.config("[stages.ingest]\ncommand = [\"true\"]\n");
+    refuses(&setting, 1, &silent, &["the input gave no scan"]);
     setting.write_scan("scan", &car_scan(8.0));
     setting.run("").assert_ended(0, 4);
 }
@@ -95,18 +97,6 @@ fn a_bad_model_is_a_failure() {
     refuses(&setting, 1, "", &["untrained.safetensors", "cut short"]);
     setting.model = "nosuchmodel".into();
     refuses(&setting, 2, "", &["nosuchmodel", "no such file"]);
-}
-
-#[test]
-fn a_second_pipeline_of_the_same_name_is_refused_and_the_first_goes_on() {
-    let setting = Setting::new("second", 3);
-    let mut first = setting.up("--loop");
-    first.wait_for_lines(1);
-    let second = setting.up("--loop").finish();
-    second.assert_ended(1, 0);
-    second.assert_says(&["pipeline", "--instance"]);
-    second.assert_says(&[&setting.instance, &first.pid().to_string()]);
-    first.wait_for_lines(3);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Which crate may know which: read from `cargo metadata`, transitive edges too.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::OnceLock;
+use std::sync::LazyLock;
 
 use cargo_metadata::{DependencyKind, Metadata, MetadataCommand};
 use serde::Deserialize;
@@ -23,22 +23,19 @@ struct Rules {
 }
 
 /// Of this machine's platform: packages of others need not have been fetched.
-fn metadata() -> &'static Metadata {
-    static METADATA: OnceLock<Metadata> = OnceLock::new();
-    METADATA.get_or_init(|| {
-        let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
-        let mut command = MetadataCommand::new();
-        command.other_options(["--filter-platform".to_string(), platform]);
-        command.exec().expect("cargo metadata")
-    })
-}
+static METADATA: LazyLock<Metadata> = LazyLock::new(|| {
+    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+    let mut command = MetadataCommand::new();
+    command.other_options(["--filter-platform".to_string(), platform]);
+    command.exec().expect("cargo metadata")
+});
 
 /// Normal and build dependencies of every package, by name. The contract's optional edge to iceoryx2 is left out: it
 /// holds marker traits alone, and `the_contract_needs_iceoryx2_only_for_the_runtime` guards it.
 fn edges() -> Names {
-    let packages = metadata().packages.iter();
+    let packages = METADATA.packages.iter();
     let names: BTreeMap<_, _> = packages.map(|p| (&p.id, p.name.to_string())).collect();
-    let resolve = metadata().resolve.as_ref().expect("a resolved graph");
+    let resolve = METADATA.resolve.as_ref().expect("a resolved graph");
     let mut edges = Names::new();
     for node in &resolve.nodes {
         let from = edges.entry(names[&node.id].clone()).or_default();
@@ -99,7 +96,7 @@ fn every_package_keeps_the_rules() {
 
 #[test]
 fn the_contract_needs_iceoryx2_only_for_the_runtime() {
-    for package in metadata().workspace_packages() {
+    for package in METADATA.workspace_packages() {
         let name = package.name.as_str();
         for dependency in &package.dependencies {
             let is_iceoryx2 = dependency.name == SHARED_MEMORY;

@@ -57,8 +57,8 @@ fn options(root: &Path, lists: Option<&Path>, out: PathBuf) -> PrepareOptions {
     }
 }
 
-fn prepared(options: PrepareOptions) -> Dataset {
-    prepare(&options, || ()).expect("prepared");
+fn prepared(options: &PrepareOptions) -> Dataset {
+    prepare(options, || ()).expect("prepared");
     Dataset::open_split(&options.out, "train").expect("a split")
 }
 
@@ -70,16 +70,8 @@ fn frames_with_unknown_objects_stay_or_go() {
         let labels = dataset.labels(name).expect("labels");
         labels.into_iter().map(|label| label.class).collect()
     };
-    let prepared = |drop_unknown, out: &str| {
-        let out = folder.path().join(out);
-        let options = options(&root, None, out);
-        prepared(PrepareOptions {
-            drop_unknown,
-            ..options
-        })
-    };
-
-    let kept = prepared(false, "keep");
+    let mut options = options(&root, None, folder.path().join("keep"));
+    let kept = prepared(&options);
     assert_eq!(kept.names(), ["000001", "000000", "000002"]);
     assert_eq!(classes(&kept, "000001"), ["Car", "Van"]);
     assert_eq!(kept.scan("000001").expect("a scan"), POINTS[..2]);
@@ -87,9 +79,11 @@ fn frames_with_unknown_objects_stay_or_go() {
     // Trams are neither known nor unknown: ignored.
     assert_eq!(classes(&kept, "000002"), ["Car", "Tram"]);
 
-    let dropped = prepared(true, "drop");
+    options.drop_unknown = true;
+    options.out = folder.path().join("drop");
+    let dropped = prepared(&options);
     assert_eq!(dropped.names(), ["000000", "000002"]);
-    assert!(!folder.path().join("drop/velodyne/000001.bin").exists());
+    assert!(!options.out.join("velodyne/000001.bin").exists());
 }
 
 #[test]
@@ -97,14 +91,12 @@ fn nothing_is_written_where_something_is_wrong() {
     let folder = tempfile::tempdir().expect("a folder");
     let root = benchmark(folder.path());
     let out = folder.path().join("out");
-    let options = options(&root, None, out.clone());
+    let mut options = options(&root, None, out.clone());
     let fault =
         |options: &PrepareOptions| prepare(options, || ()).expect_err("a fault").to_string();
-    let trainval = PrepareOptions {
-        split: "trainval".into(),
-        ..options.clone()
-    };
-    assert!(fault(&trainval).starts_with("split trainval: expected the list of its frames"));
+    options.split = "trainval".into();
+    assert!(fault(&options).starts_with("split trainval: expected the list of its frames"));
+    options.split = "train".into();
     let labels = root.join("training/label_2/000002.txt");
     std::fs::write(&labels, CAR.replace("Car", "Auto")).expect("written");
     let told = fault(&options);
@@ -133,7 +125,7 @@ fn real_scans_keep_the_points_of_labelled_objects() {
     let lists = tempfile::tempdir().expect("a folder");
     std::fs::write(lists.path().join("train.txt"), original.names().join("\n")).expect("written");
     let out = lists.path().join("keep");
-    let kept = prepared(options(&root, Some(lists.path()), out));
+    let kept = prepared(&options(&root, Some(lists.path()), out));
     let count = |dataset: &Dataset, unknown: bool| -> (usize, usize) {
         let (mut inside, mut all) = (0, 0);
         for name in original.names() {

@@ -1,8 +1,8 @@
 //! `mluc monitor` and `mluc top` beside a running pipeline.
 
-use std::{io::Write, net::TcpStream, time::Duration};
+use std::{io::Write, net::TcpStream, process::Command, time::Duration};
 
-use mluc_tests::{Running, Setting, assert_has, wait_for};
+use mluc_tests::{Running, Setting, assert_has, mluc_program, wait_for};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -81,8 +81,9 @@ fn top_and_status_print_a_page_that_is_no_terminal() {
     let mut run = setting.up("--pace sensor --rate 10 --loop");
     run.wait_for_lines(3);
     let of = |command: &[&str]| {
-        let instance = ["--instance", &setting.instance];
-        let finished = Running::mluc(command.iter().chain(&instance)).finish();
+        let mut mluc = Command::new(mluc_program());
+        mluc.args(command).env("MLUC_INSTANCE", &setting.instance);
+        let finished = Running::start(&mut mluc).finish();
         assert_eq!(finished.code, Some(0), "{}", finished.log);
         finished.text()
     };

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use md5::{Digest, Md5};
 use mluc_sources::files::{Format, Layout};
-use mluc_sources::packets::{Calibration, Datagram, Decoder, Detector, Metadata, Revolution};
+use mluc_sources::packets::{Calibration, Datagram, Metadata, Revolution};
 use mluc_sources::{Scan, pcap::Capture};
 use mluc_tests::{oracle, read_json};
 use rstar::RTree;
@@ -16,43 +16,22 @@ use rstar::RTree;
 const NEAR_M: f32 = 0.02;
 const SHARE_MIN: f64 = 0.99;
 
-/// A datagram that owns its bytes.
-type Packet = (u64, std::net::SocketAddr, u16, Vec<u8>);
 /// Time (ns) and place.
 type Timed = (u64, [f32; 3]);
 
-fn packets(path: &Path) -> Vec<Packet> {
-    let mut capture = Capture::open(path).expect("a capture");
-    let mut packets = vec![];
-    while let Some(d) = capture.next_datagram().expect("readable") {
-        packets.push((d.stamp_ns, d.from, d.to_port, d.payload.to_vec()));
+fn capture(folder: &Path) -> Capture {
+    Capture::open(folder.join("packets.pcap")).expect("a capture")
+}
+
+/// Every datagram of a capture, which is whole.
+fn each_datagram(folder: &Path, mut on: impl FnMut(&Datagram)) {
+    let mut capture = capture(folder);
+    while let Some(datagram) = capture.next_datagram().expect("readable") {
+        on(&datagram);
     }
     let counts = capture.counts();
     let is_whole = !counts.cut_short && counts.fragmented_lost == 0;
     assert!(is_whole, "{counts:?}");
-    packets
-}
-
-fn datagram((stamp_ns, from, to_port, payload): &Packet) -> Datagram<'_> {
-    Datagram {
-        stamp_ns: *stamp_ns,
-        from: *from,
-        to_port: *to_port,
-        payload,
-    }
-}
-
-fn decoder(packets: &[Packet], calibration: Option<&Calibration>) -> Option<Decoder> {
-    let mut detector = Detector::new(calibration);
-    let mut packets = packets.iter();
-    packets.find_map(|packet| detector.look(&datagram(packet)).unwrap_or(None))
-}
-
-fn decode(decoder: &mut Decoder, packets: &[Packet], on: &mut dyn FnMut(&Revolution)) {
-    for packet in packets {
-        decoder.push(&datagram(packet), on);
-    }
-    decoder.finish(on);
 }
 
 /// x, y, z of a PCD file.
@@ -73,12 +52,9 @@ fn has(tree: &RTree<[f32; 3]>, point: [f32; 3], within_m: f32) -> bool {
 
 /// Of some points those with one of the tree within [`NEAR_M`].
 fn share(tree: &RTree<[f32; 3]>, points: impl Iterator<Item = [f32; 3]>) -> f64 {
-    let (mut all, mut near) = (0, 0);
-    for point in points {
-        all += 1;
-        near += usize::from(has(tree, point, NEAR_M));
-    }
-    near as f64 / f64::from(all.max(1))
+    let near: Vec<bool> = points.map(|point| has(tree, point, NEAR_M)).collect();
+    let count = near.iter().filter(|is_near| **is_near).count();
+    count as f64 / near.len().max(1) as f64
 }
 
 fn turned([x, y, z]: [f32; 3], quarters: usize) -> [f32; 3] {
@@ -124,14 +100,14 @@ fn degree(point: &[f32; 3]) -> usize {
 }
 
 /// Every range image of the digest, staggered, u32, row by row.
-fn check_digest(folder: &Path, metadata: &Metadata, packets: &[Packet]) {
+fn check_digest(folder: &Path, metadata: &Metadata) {
     let digest = read_json(&folder.join("digest.json"));
     let scans = digest["scans"].as_array().expect("scans");
     assert!(!scans.is_empty());
     let pixels = metadata.rows * metadata.columns;
     let mut frames: Vec<(u16, [Vec<u32>; 2])> = vec![];
-    for (_, _, _, payload) in packets {
-        metadata.shots(payload, &mut |shot| {
+    each_datagram(folder, |datagram| {
+        metadata.shots(datagram.payload, &mut |shot| {
             if frames.last().is_none_or(|(frame, _)| *frame != shot.frame) {
                 frames.push((shot.frame, [vec![0; pixels], vec![0; pixels]]));
             }
@@ -141,15 +117,14 @@ fn check_digest(folder: &Path, metadata: &Metadata, packets: &[Packet]) {
                 image[at] = range_mm;
             }
         });
-    }
+    });
     for (scan, (frame, images)) in scans.iter().zip(&frames) {
         for (name, image) in ["RANGE", "RANGE2"].into_iter().zip(images) {
             let Some(expected) = scan[name].as_str() else {
                 continue;
             };
             let bytes: Vec<u8> = image.iter().flat_map(|mm| mm.to_le_bytes()).collect();
-            let digest = Md5::digest(bytes);
-            let found: String = digest.iter().map(|b| format!("{b:02x}")).collect();
+            let found = format!("{:x}", Md5::digest(bytes));
             assert_eq!(found, expected, "frame {frame} {name}");
             let hits = image.iter().filter(|mm| **mm > 0).count();
             println!("  frame {frame} {name}: md5 agrees, {hits} of {pixels} pixels with a range");
@@ -168,11 +143,11 @@ fn calibration(folder: &Path) -> Option<Calibration> {
 }
 
 fn check(folder: &Path) {
-    let packets = packets(&folder.join("packets.pcap"));
     let calibration = calibration(folder);
-    let mut decoder = decoder(&packets, calibration.as_ref()).expect("a decoder");
+    let decoder = capture(folder).detect(calibration.as_ref());
+    let mut decoder = decoder.expect("a decoder");
     let (mut stamps, mut points): (Vec<u64>, Vec<Timed>) = (vec![], vec![]);
-    decode(&mut decoder, &packets, &mut |scan| {
+    let mut on = |scan: &Revolution| {
         let times = scan.offsets_ns.iter();
         let times = times.map(|ns| scan.stamp_ns + u64::from(*ns));
         points.extend(times.zip(scan.points.iter().map(|p| [p.x_m, p.y_m, p.z_m])));
@@ -184,13 +159,15 @@ fn check(folder: &Path) {
         assert!(scan.points.iter().all(|point| point.is_finite()));
         let lengths = [scan.offsets_ns.len(), scan.rings.len(), scan.echoes.len()];
         assert_eq!(lengths, [scan.points.len(); 3]);
-    });
+    };
+    each_datagram(folder, |datagram| decoder.push(datagram, &mut on));
+    decoder.finish(&mut on);
     let name = folder.file_name().unwrap_or_default().to_string_lossy();
     let (product, counts, count) = (decoder.product(), decoder.counts(), points.len());
     println!("{name}: {product}, {count} points, {counts:?}");
     let mut is_checked = false;
     if let Some(Calibration::Ouster(metadata)) = &calibration {
-        check_digest(folder, metadata, &packets);
+        check_digest(folder, metadata);
         is_checked = true;
     }
     let truth = folder.join("truth.pcd");

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use mluc_backbone::{Backbone, Coverage, Level, Place};
 use mluc_head::Head;
 use mluc_model::formula_weights;
-use mluc_tests::{PaperFrame, feature_map, paper_frames, paper_network, rms};
+use mluc_tests::{PaperFrame, feature_map, paper_frames, paper_network, read_json, rms};
 use serde::Deserialize;
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
@@ -14,12 +14,7 @@ type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 /// Of a level's rms.
 const TOLERANCE: f64 = 1e-3;
 
-/// The file of a frame.
-#[derive(Deserialize)]
-struct Answers {
-    levels: BTreeMap<String, Expected>,
-}
-
+/// A level in the file of a frame.
 #[derive(Deserialize)]
 struct Expected {
     sites: usize,
@@ -35,12 +30,8 @@ struct Sample {
     values: Vec<f64>,
 }
 
-/// A level as computed here: the values and where the row of each site is.
-struct Found {
-    channels: usize,
-    rows: BTreeMap<Vec<usize>, usize>,
-    values: Vec<f32>,
-}
+/// A level as computed here: channels, the row of each site, and the values.
+type Found = (usize, BTreeMap<Vec<usize>, usize>, Vec<f32>);
 
 #[test]
 fn every_level_of_every_frame_agrees() -> Fallible {
@@ -57,12 +48,7 @@ fn every_level_of_every_frame_agrees() -> Fallible {
             let of_head = head.outputs(&features);
             let mut add = |name: &str, channels: usize, values: Vec<f32>| {
                 let rows = cells_of(backbone.map_shape());
-                let level = Found {
-                    channels,
-                    rows,
-                    values,
-                };
-                found.insert(name.into(), level);
+                found.insert(name.into(), (channels, rows, values));
             };
             add("features", backbone.feature_channels(), features);
             for ((name, channels), values) in manifest.network.heads().into_iter().zip(of_head) {
@@ -80,11 +66,12 @@ fn every_level_of_every_frame_agrees() -> Fallible {
 }
 
 fn read_answers(frame: &PaperFrame) -> Fallible<BTreeMap<String, Expected>> {
-    let answers: Answers = serde_json::from_slice(&std::fs::read(&frame.answers)?)
+    let levels = read_json(&frame.answers)["levels"].take();
+    let levels: BTreeMap<String, Expected> = serde_json::from_value(levels)
         .map_err(|error| format!("{}: {error}", frame.answers.display()))?;
-    let count = answers.levels.len();
+    let count = levels.len();
     assert!(count > 15, "{}: {count} levels", frame.name);
-    let levels = answers.levels.into_iter();
+    let levels = levels.into_iter();
     let named = levels.map(|(title, level)| (level_name(&title), level));
     Ok(named.collect())
 }
@@ -114,12 +101,7 @@ fn levels(
             }
             Place::Map(shape) => cells_of(shape),
         };
-        let (channels, values) = (level.channels, level.values.to_vec());
-        let level_found = Found {
-            channels,
-            rows,
-            values,
-        };
+        let level_found = (level.channels, rows, level.values.to_vec());
         found.insert(level.name.to_string(), level_found);
     });
     found
@@ -130,33 +112,30 @@ fn cells_of([rows, columns]: [usize; 2]) -> BTreeMap<Vec<usize>, usize> {
     (0..rows * columns).map(place).collect()
 }
 
-fn compare(title: &str, expected: &Expected, found: &Found) {
-    assert_eq!(
-        (found.rows.len(), found.channels),
-        (expected.sites, expected.channels),
-        "{title}: sites, channels"
-    );
+fn compare(title: &str, expected: &Expected, (channels, rows, values): &Found) {
+    let (sites, samples) = (expected.sites, expected.samples.len());
+    let [found, wanted] = [(rows.len(), *channels), (sites, expected.channels)];
+    assert_eq!(found, wanted, "{title}: sites, channels");
     let limit = TOLERANCE * expected.rms;
-    let sum: f64 = found.values.iter().map(|value| f64::from(*value)).sum();
+    let sum: f64 = values.iter().map(|value| f64::from(*value)).sum();
     for (what, found, expected) in [
-        ("mean", sum / found.values.len() as f64, expected.mean),
-        ("rms", rms(found.values.iter().copied()), expected.rms),
+        ("mean", sum / values.len() as f64, expected.mean),
+        ("rms", rms(values.iter().copied()), expected.rms),
     ] {
         let is_close = (found - expected).abs() < limit;
         assert!(is_close, "{title}: {what} {found}, expected {expected}");
     }
     let mut worst: f64 = 0.0;
-    for Sample { site, values } in &expected.samples {
-        let row = found.rows.get(site);
-        let row = row.unwrap_or_else(|| panic!("{title}: no site {site:?}"));
-        let row = &found.values[row * found.channels..][..found.channels];
-        for (value, expected) in row.iter().zip(values) {
+    for sample in &expected.samples {
+        let row = rows.get(&sample.site);
+        let row = row.unwrap_or_else(|| panic!("{title}: no site {:?}", sample.site));
+        let row = &values[row * channels..][..*channels];
+        for (value, expected) in row.iter().zip(&sample.values) {
             worst = worst.max((f64::from(*value) - expected).abs());
         }
     }
-    let (sites, samples) = (expected.sites, expected.samples.len());
     let share = worst / expected.rms;
     println!("{title}: {sites} sites, {samples} samples, worst {share:.1e} of the rms");
-    let is_close = worst < limit && !expected.samples.is_empty();
+    let is_close = worst < limit && samples > 0;
     assert!(is_close, "{title}: {worst} of at most {limit}");
 }

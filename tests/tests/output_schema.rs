@@ -1,60 +1,47 @@
 //! The lines are what `docs/objects.schema.json` says.
 
+use std::sync::LazyLock;
+
 use mluc_tests::{Setting, read_json, root};
 use serde_json::{Value, json};
 
-/// A schema, and the whole document that its references point into.
-#[derive(Clone, Copy)]
-struct Schema<'a> {
-    part: &'a Value,
-    whole: &'a Value,
-}
+static SCHEMA: LazyLock<Value> =
+    LazyLock::new(|| read_json(&root().join("docs/objects.schema.json")));
 
-impl<'a> Schema<'a> {
-    fn of(self, part: &'a Value) -> Schema<'a> {
-        Schema { part, ..self }
-    }
-
-    /// The part of JSON Schema that our schema uses; anything else in it is an error.
-    fn check(self, value: &Value, place: &str) -> Result<(), String> {
-        for (keyword, wanted) in self.part.as_object().ok_or("a schema is an object")? {
-            match keyword.as_str() {
-                "$schema" | "title" | "description" | "$defs" => (),
-                "$ref" => {
-                    let pointer = wanted.as_str().unwrap_or("").trim_start_matches('#');
-                    let part = self.whole.pointer(pointer).ok_or("dead $ref")?;
-                    self.of(part).check(value, place)?;
-                }
-                "type" if is_of_type(wanted, value) => (),
-                "enum" if wanted.as_array().is_some_and(|list| list.contains(value)) => (),
-                "required" => {
-                    let keys = wanted.as_array().into_iter().flatten();
-                    for key in keys.filter_map(Value::as_str) {
-                        value.get(key).ok_or(format!("{place}: {key} is missing"))?;
-                    }
-                }
-                "properties" => {
-                    for (key, inner) in value.as_object().into_iter().flatten() {
-                        let known = wanted.get(key);
-                        let known = known.ok_or(format!("{place}: {key} is not in the schema"))?;
-                        self.of(known).check(inner, &format!("{place}.{key}"))?;
-                    }
-                }
-                "additionalProperties" if *wanted == json!(false) => (),
-                "items" => {
-                    for (index, inner) in value.as_array().into_iter().flatten().enumerate() {
-                        self.of(wanted).check(inner, &format!("{place}[{index}]"))?;
-                    }
-                }
-                _ => {
-                    return Err(format!(
-                        "{place}: {keyword} {wanted} does not hold for {value}"
-                    ));
+/// Holds a value against a part of the schema. Only what our schema uses of JSON Schema is known; anything else in it is an error.
+fn check(schema: &Value, value: &Value, place: &str) -> Result<(), String> {
+    for (keyword, wanted) in schema.as_object().ok_or("a schema is an object")? {
+        match keyword.as_str() {
+            "$schema" | "title" | "description" | "$defs" => (),
+            "$ref" => {
+                let pointer = wanted.as_str().unwrap_or("").trim_start_matches('#');
+                check(SCHEMA.pointer(pointer).ok_or("dead $ref")?, value, place)?;
+            }
+            "type" if is_of_type(wanted, value) => (),
+            "enum" if wanted.as_array().is_some_and(|list| list.contains(value)) => (),
+            "required" => {
+                let keys = wanted.as_array().into_iter().flatten();
+                for key in keys.filter_map(Value::as_str) {
+                    value.get(key).ok_or(format!("{place}: {key} is missing"))?;
                 }
             }
+            "properties" => {
+                for (key, inner) in value.as_object().into_iter().flatten() {
+                    let known = wanted.get(key);
+                    let known = known.ok_or(format!("{place}: {key} is not in the schema"))?;
+                    check(known, inner, &format!("{place}.{key}"))?;
+                }
+            }
+            "additionalProperties" if *wanted == json!(false) => (),
+            "items" => {
+                for (index, inner) in value.as_array().into_iter().flatten().enumerate() {
+                    check(wanted, inner, &format!("{place}[{index}]"))?;
+                }
+            }
+            _ => return Err(format!("{place}: {value} is not {keyword} {wanted}")),
         }
-        Ok(())
     }
+    Ok(())
 }
 
 fn is_of_type(wanted: &Value, value: &Value) -> bool {
@@ -76,17 +63,15 @@ fn is_of_type(wanted: &Value, value: &Value) -> bool {
 fn every_line_fits_the_schema() {
     let run = Setting::new("schema", 3).run("");
     run.assert_ended(0, 3);
-    let document = read_json(&root().join("docs/objects.schema.json"));
-    let (part, whole) = (&document, &document);
-    let schema = Schema { part, whole };
     for line in &run.lines {
-        schema.check(line, "line").unwrap();
+        check(&SCHEMA, line, "line").unwrap();
     }
     let has_objects = |line: &Value| !line["objects"].as_array().unwrap().is_empty();
     assert!(run.lines.iter().any(has_objects));
     for (key, value) in [("latency_us", json!("soon")), ("more", json!(1))] {
         let mut wrong = run.lines[0].clone();
         wrong[key] = value;
-        assert!(schema.check(&wrong, "line").is_err(), "the check can fail");
+        let checked = check(&SCHEMA, &wrong, "line");
+        assert!(checked.is_err(), "the check can fail");
     }
 }

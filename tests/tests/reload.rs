@@ -1,8 +1,8 @@
 //! SIGHUP and `mluc reload`: other thresholds while the pipeline runs.
 
-use std::collections::HashMap;
+use std::{collections::HashMap, process::Command};
 
-use mluc_tests::{Running, Setting, root, send_signal};
+use mluc_tests::{Running, Setting, mluc_program, root, send_signal};
 use rustix::process::Signal;
 
 #[test]
@@ -46,7 +46,11 @@ fn another_model_takes_over_between_two_frames_and_one_that_does_not_fit_changes
         std::fs::copy(weights, &setting.model).expect("a shipped model");
     };
     put("paper/kitti-open");
-    let mut run = setting.up("--loop");
+    let program = mluc_program().with_file_name(&setting.instance);
+    std::fs::hard_link(mluc_program(), &program).expect("the same folder");
+    let mut command = Command::new(&program);
+    let mut run = Running::start(command.args(setting.up_command("--loop").get_args()));
+    std::fs::remove_file(&program).expect("it was there");
     for name in "paper/kitti any paper/kitti-open paper/udi paper/kitti any".split(' ') {
         run.wait_for_lines(3);
         put(name);
@@ -58,7 +62,7 @@ fn another_model_takes_over_between_two_frames_and_one_that_does_not_fit_changes
         // Frames went on coming while the model was loaded.
         assert!(code == 2 || run.line_count() >= before + 3, "{}", run.log());
     }
-    // Whatever the file has become.
+    // Whatever the files of model and program have become.
     send_signal(run.stage("head"), Signal::KILL);
     run.wait_for_lines(5);
     let run = setting.stop(run);

@@ -17,7 +17,9 @@ fn a_recording_with_stages_is_replayed_from_each_of_them() {
     };
     let replay = |path: &str, options: &str| setting.replay(path, options);
     let path = record("stages.mcap", "--stages");
-    let model = format!("--model {}", setting.model.display());
+    // A replay has an end whatever the file says.
+    let config = setting.config("loop = true");
+    let model = format!("--model {} {config}", setting.model.display());
     for from in ["", "--from head", "--from refiner"] {
         let same = replay(&path, &format!("{model} {from}"));
         same.assert_ended(0, 0);

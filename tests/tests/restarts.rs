@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use mluc_tests::{
-    Finished, Running, Setting, is_alive, leftovers, mluc_program, send_signal, wait_for,
-};
+use mluc_ipc_types::Health;
+use mluc_runtime::{Instance, Shell, Shutdown};
+use mluc_tests::{Finished, Setting, is_alive, leftovers, mluc_program, send_signal, wait_for};
 use rustix::process::Signal;
 
 const SECOND: Duration = Duration::from_secs(1);
@@ -62,8 +62,7 @@ fn a_refiner_behind_a_script_is_killed_and_ends_with_it() {
 #[test]
 fn a_foreign_stage_that_outlives_its_supervisor_is_ended_by_the_next() {
     let setting = Setting::new("orphan", 3);
-    let program = mluc_program();
-    let program = program.display();
+    let program = mluc_program().display().to_string();
     let script = format!("trap '' TERM HUP; {program} stage refiner; true");
     let config = format!("[stages.refiner]\ncommand = [\"sh\", \"-c\", {script:?}]\n");
     let options = format!("{} --loop", setting.config(&config));
@@ -86,8 +85,7 @@ fn a_stage_of_somebody_else_is_reported_and_never_signalled() {
     let setting = Setting::new("silent", 3);
     let mut run = setting.up("--without refiner --loop");
     run.wait_until("our stages run", |run| run.stages().len() == 3);
-    let stage = ["stage", "refiner", "--instance", &setting.instance];
-    let own = Running::mluc(stage);
+    let own = setting.stage("refiner", &setting.instance);
     run.wait_for_lines(3);
     send_signal(own.pid(), Signal::STOP);
     run.wait_for_words("no heartbeat for");
@@ -97,6 +95,35 @@ fn a_stage_of_somebody_else_is_reported_and_never_signalled() {
     run.wait_for_lines(3);
     run.signal(Signal::TERM);
     run.finish();
+}
+
+#[test]
+fn an_ingest_of_somebody_else_goes_on_behind_the_one_before_it() {
+    let setting = Setting::new("ingest", 3);
+    let mut run = setting.up("--without ingest --loop");
+    run.wait_until("our stages run", |run| run.stages().len() == 3);
+    for _ in 0..2 {
+        let ingest = setting.stage("ingest", &setting.instance);
+        run.wait_for_lines(3);
+        ingest.stop();
+    }
+    let run = setting.stop(run);
+    run.assert_complete(0, run.lines.len() as u64);
+}
+
+#[test]
+fn an_ingest_that_is_asked_to_end_before_it_knows_its_run_says_so() {
+    let setting = Setting::new("early", 1);
+    let instance = Instance::new(&setting.instance).expect("a name");
+    // It has begun the run, and does not describe it.
+    let other = Shell::observer(&instance, Some("run"), Shutdown::default()).expect("alone");
+    let mut watch = other.health_watch().expect("it runs");
+    let mut heard = || watch.update().expect("it runs")[0];
+    let ingest = setting.stage("ingest", &setting.instance);
+    assert!(wait_for(10 * SECOND, || heard().is_some()));
+    ingest.stop();
+    let last = heard().expect("heartbeats");
+    assert_eq!(last.reason(), Health::ASKED_TO_END);
 }
 
 /// From the signal to the end of everything.

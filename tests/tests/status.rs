@@ -3,7 +3,7 @@
 use std::{process::Command, time::Duration};
 
 use mluc_ipc_types::{Status, StatusState};
-use mluc_runtime::{Shell, StatusWatch};
+use mluc_runtime::StatusWatch;
 use mluc_tests::{
     Finished, Running, Setting, assert_has, car_scan, python_example, root, wait_for,
 };
@@ -13,35 +13,20 @@ use serde_json::{Value, json};
 
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// A consumer of the topic.
-struct Consumer {
-    watch: StatusWatch,
-    _shell: Shell,
+/// Waits for a status.
+#[track_caller]
+fn wait(run: &Running, watch: &mut StatusWatch, is_it: impl Fn(&Status) -> bool) -> Status {
+    let mut last = None;
+    let mut look = || {
+        last = watch.update().unwrap();
+        last.is_some_and(|status| is_it(&status))
+    };
+    assert!(wait_for(PATIENCE, &mut look), "{last:?} {}", run.log());
+    last.unwrap()
 }
 
-impl Consumer {
-    fn new(setting: &Setting) -> Consumer {
-        let _shell = setting.observer();
-        let watch = _shell.status_watch().unwrap();
-        Consumer { watch, _shell }
-    }
-
-    /// Waits for a status.
-    #[track_caller]
-    fn wait(&mut self, run: &Running, is_it: impl Fn(&Status) -> bool) -> Status {
-        let mut last = None;
-        let mut look = || {
-            last = self.watch.update().unwrap();
-            last.is_some_and(|status| is_it(&status))
-        };
-        assert!(wait_for(PATIENCE, &mut look), "{last:?} {}", run.log());
-        last.unwrap()
-    }
-
-    #[track_caller]
-    fn wait_for_state(&mut self, run: &Running, state: StatusState) -> Status {
-        self.wait(run, |status| status.checked() == Ok(state))
-    }
+fn is(state: StatusState) -> impl Fn(&Status) -> bool {
+    move |status| status.checked() == Ok(state)
 }
 
 /// States and reasons of the status lines.
@@ -58,9 +43,10 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
     let options = format!("{never} --pace sensor --rate 5 --budget-ms 1000 --loop --status-lines");
     let mut run = setting.up(&options);
     run.wait_for_lines(3);
-    let mut consumer = Consumer::new(&setting);
+    let shell = setting.observer();
+    let mut watch = shell.status_watch().unwrap();
     let sees = |status: &Status| status.checked().is_ok_and(StatusState::sees);
-    let good = consumer.wait(&run, sees);
+    let good = wait(&run, &mut watch, sees);
     let is_new = good.frames_out > 0 && good.age_ns < 10_000_000_000;
     assert!(is_new, "{good:?}");
     if let Some(command) = python_example("refiner") {
@@ -77,8 +63,8 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
 
     let refiner = run.stage("refiner");
     mluc_tests::send_signal(refiner, Signal::STOP);
-    consumer.wait_for_state(&run, StatusState::Late);
-    let stopped = consumer.wait_for_state(&run, StatusState::Stopped);
+    wait(&run, &mut watch, is(StatusState::Late));
+    let stopped = wait(&run, &mut watch, is(StatusState::Stopped));
     assert!(stopped.age_ns > 2_000_000_000, "{stopped:?}");
     assert_eq!(stopped.reason(), "no results come: refiner is silent");
     // By the clock: first a warning, then an error.
@@ -90,16 +76,16 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
         });
     }
     mluc_tests::send_signal(refiner, Signal::CONT);
-    let again = consumer.wait(&run, sees);
+    let again = wait(&run, &mut watch, sees);
     assert!(again.sequence > stopped.sequence, "{again:?}");
 
     run.signal(Signal::STOP);
-    let silent = consumer.wait_for_state(&run, StatusState::Stopped);
+    let silent = wait(&run, &mut watch, is(StatusState::Stopped));
     assert_eq!(silent.reason(), "the supervisor hangs or is gone");
     run.signal(Signal::CONT);
-    consumer.wait(&run, sees);
+    wait(&run, &mut watch, sees);
     run.signal(Signal::TERM);
-    drop(consumer);
+    drop((watch, shell));
     let run = setting.finish(run);
     let told = told(&run);
     let silent = "no results come: refiner is silent";
@@ -211,4 +197,12 @@ fn what_a_stage_may_not_have_is_one_warning_and_what_it_may_have_holds() {
     ] {
         assert_eq!(warnings(words), usize::from(!has_it), "{}", run.log);
     }
+    // The same of a stage that is started alone.
+    let (model, instance) = (setting.model.display(), &setting.instance);
+    let words = format!("stage head {config} --model {model} --instance {instance}");
+    let mut alone = Running::mluc(words.split_whitespace());
+    alone.wait_for_words("waiting for the run");
+    let head = Process::new(alone.pid() as i32).and_then(|head| head.stat());
+    assert_eq!(head.expect("it runs").policy == Some(1), is_real_time);
+    assert_eq!(alone.log().contains("priority of head"), !is_real_time);
 }

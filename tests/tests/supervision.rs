@@ -23,22 +23,33 @@ fn full_pipe() -> (PipeReader, PipeWriter) {
 #[test]
 fn a_reader_that_stands_still_stops_no_restart_and_gets_every_line_at_pace_complete() {
     let setting = Setting::new("stalled", 80);
-    let (reader, writer) = full_pipe();
-    let mut run = Running::start_into(&mut setting.up_command(""), writer.into(), Stdio::piped());
-    // The supervisor has stopped ingest, because it has enough lines.
-    run.wait_for_health(&setting.instance, "ingest waits", |watch| {
-        let ingest = watch.of(Stage::Ingest);
-        ingest.is_some_and(|health| health.reason().contains("reader of the lines"))
-    });
-    run.replace("refiner", Signal::KILL);
-    let read = std::thread::spawn(|| std::io::read_to_string(reader));
-    let run = setting.finish(run);
-    run.assert_says(&["80 out, 0 lost; stages restarted: 1"]);
-    let text = read.join().expect("no panic").expect("read");
-    let lines: Vec<&str> = text.trim_start().lines().collect();
-    assert_eq!(lines.len(), 80);
-    for (number, line) in lines.into_iter().enumerate() {
-        assert_has(line, &[&format!("\"sequence\":{number},")]);
+    let options = setting.config("restart_limit = 1");
+    // Ended from outside a stage comes back; dying by itself it ends the run, with 32 lines that wait.
+    for (signal, words, code, least) in [
+        (Signal::TERM, "restart in", 3, 80),
+        (Signal::ABORT, "ended: signal", 1, 32),
+    ] {
+        let (reader, writer) = full_pipe();
+        let mut command = setting.up_command(&options);
+        let mut run = Running::start_into(&mut command, writer.into(), Stdio::piped());
+        drop(command);
+        // The supervisor has stopped ingest, because it has enough lines.
+        run.wait_for_health(&setting.instance, "ingest waits", |watch| {
+            let ingest = watch.of(Stage::Ingest);
+            ingest.is_some_and(|health| health.reason().contains("reader of the lines"))
+        });
+        send_signal(run.stage("refiner"), signal);
+        run.wait_for_words(words);
+        let read = std::thread::spawn(|| std::io::read_to_string(reader));
+        let run = setting.finish(run);
+        assert_eq!(run.code, Some(code), "{}", run.log);
+        let text = read.join().expect("no panic").expect("read");
+        let lines: Vec<&str> = text.trim_start().lines().collect();
+        assert!(lines.len() >= least, "{}", lines.len());
+        for (number, line) in lines.into_iter().enumerate() {
+            assert_has(line, &[&format!("\"sequence\":{number},")]);
+            assert!(line.ends_with('}'), "{line}");
+        }
     }
 }
 

@@ -69,7 +69,7 @@ fn notes([a, b]: [&Value; 2]) -> Vec<String> {
 }
 
 /// Share of all cores that others took.
-fn others(report: &Value) -> f64 {
+pub(super) fn others(report: &Value) -> f64 {
     let share = report.pointer("/quiet/other_processes_share_of_all_cores");
     share.and_then(Value::as_f64).unwrap_or(0.0)
 }

@@ -9,8 +9,8 @@ use mluc::{EXIT_WARNINGS, terminal::print_out};
 use serde_json::Value;
 
 use super::folder::{self, FOLDERS};
-use super::{compare::compared, plan::Plan, progress, show};
-use crate::report::{FrameRecord, number, report_of};
+use super::{compare, plan::Plan, progress, show};
+use crate::report::{FrameRecord, HOPS, STAGES, report_of};
 use crate::save;
 
 struct Side {
@@ -19,7 +19,7 @@ struct Side {
     program: PathBuf,
     refiner: Option<String>,
     frames: Vec<FrameRecord>,
-    /// The last round's facts of machine, build and scenario.
+    /// The last round's report, with the noisiest round's `quiet`.
     facts: Value,
     warnings: Vec<String>,
 }
@@ -50,7 +50,7 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
     let out = &plan.args.out;
     folder::make(out)?;
     let progress = progress();
-    let mut sides = sides(plan);
+    let (mut sides, mut is_flawed) = (sides(plan), false);
     let all = 2 * plan.rounds;
     for number in 0..all {
         let side = usize::from(matches!(number % 4, 1 | 2));
@@ -58,19 +58,16 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
         let text = format!("{}, {} of {all}", own.name, number + 1);
         show(&progress, f64::from(number) / f64::from(all), text);
         let folder = out.join(FOLDERS[side]).join(format!("round-{round}"));
-        own.measure(plan, &folder)?;
+        is_flawed |= own.measure(plan, &folder)?;
         own.add(&folder, round)?;
     }
     drop(progress);
-    let mut is_flawed = false;
     for (side, name) in sides.iter().zip(FOLDERS) {
-        let report = side.report();
-        is_flawed |= number(&report, "/frames/dropped") > Some(0.0);
-        folder::write(&out.join(name), &report, &side.frames)?;
+        folder::write(&out.join(name), &side.report(), &side.frames)?;
     }
     let folders = FOLDERS.map(|name| out.join(name));
     let names = sides.each_ref().map(|side| side.name.as_str());
-    let (comparison, value) = compared(folders.each_ref().map(|folder| &**folder), names)?;
+    let (comparison, value) = compare::compared(folders.each_ref().map(|folder| &**folder), names)?;
     let text = comparison.table(names)?;
     save(out, "comparison.txt", &text)?;
     let json = serde_json::to_string_pretty(&value)?;
@@ -82,8 +79,8 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
 }
 
 impl Side {
-    /// One start of the processes.
-    fn measure(&self, plan: &Plan, folder: &Path) -> Result<()> {
+    /// One start of the processes; gives whether frames were lost or a stage was restarted.
+    fn measure(&self, plan: &Plan, folder: &Path) -> Result<bool> {
         let mut command = Command::new(&self.program);
         command.args(["bench", "--rounds", "1", "--out"]);
         command.arg(folder).args(plan.shared_arguments());
@@ -110,26 +107,33 @@ impl Side {
             output.status,
             log.trim_end()
         );
-        Ok(())
+        Ok(output.status.code() == Some(EXIT_WARNINGS.into()))
     }
 
     fn add(&mut self, folder: &Path, round: u32) -> Result<()> {
-        let (facts, frames) = folder::read(folder)?;
+        let (mut facts, frames) = folder::read(folder)?;
         let own = |frame: FrameRecord| FrameRecord { round, ..frame };
         self.frames.extend(frames.into_iter().map(own));
         for warning in facts["warnings"].as_array().into_iter().flatten() {
             let text = warning.as_str().unwrap_or_default();
             self.warnings.push(format!("Round {round}: {text}"));
         }
+        if compare::others(&self.facts) > compare::others(&facts) {
+            facts["quiet"] = self.facts["quiet"].take();
+        }
         self.facts = facts;
         Ok(())
     }
 
-    /// Figures of all rounds, facts of the last one.
+    /// Figures of all rounds; machine, processes and messages of the last one.
     fn report(&self) -> Value {
-        let mut report = report_of(&self.frames);
+        let (mut report, facts) = (report_of(&self.frames), &self.facts);
         for key in "title quiet machine build scenario".split(' ') {
-            report[key] = self.facts[key].clone();
+            report[key] = facts[key].clone();
+        }
+        for (stage, hop) in STAGES.into_iter().zip(HOPS) {
+            report["stages"][stage]["resources"] = facts["stages"][stage]["resources"].clone();
+            report["hops"][hop]["payload_bytes"] = facts["hops"][hop]["payload_bytes"].clone();
         }
         report["warnings"] = self.warnings.clone().into();
         report

@@ -2,7 +2,7 @@
 
 use std::fs::{self, File};
 use std::os::unix::process::CommandExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
@@ -218,7 +218,11 @@ impl Up {
         if matches!(status.code(), Some(0 | 3)) {
             return Ok(());
         }
-        let text = format!("mluc up ended with {status}:\n{}", last_lines(&self.log));
+        // Enough of the log to see why.
+        let log = fs::read_to_string(&self.log).unwrap_or_default();
+        let lines: Vec<&str> = log.lines().collect();
+        let last = lines[lines.len().saturating_sub(20)..].join("\n");
+        let text = format!("mluc up ended with {status}:\n{last}");
         if status.code() == Some(i32::from(EXIT_USAGE)) {
             return Err(UsageError(text).into());
         }
@@ -243,11 +247,4 @@ impl Drop for Up {
     fn drop(&mut self) {
         self.end();
     }
-}
-
-/// Enough of a log to see why a process ended.
-fn last_lines(log: &Path) -> String {
-    let text = fs::read_to_string(log).unwrap_or_default();
-    let lines: Vec<&str> = text.lines().collect();
-    lines[lines.len().saturating_sub(20)..].join("\n")
 }

@@ -1,7 +1,7 @@
 //! Label and detection files: one object a line, 15 columns, in the camera frame.
 //!
 //! `type truncated occluded alpha left top right bottom height width length x y z rotation_y`, then, in labels, an
-//! optional track id and, in detections, the score (after a track id when there are 17 columns).
+//! optional track id (a whole number; none below 0) and, in detections, the score (after a track id when there are 17 columns).
 
 use super::{Result, error::Line, read_text};
 use mluc_geometry::CameraBox;
@@ -103,7 +103,13 @@ fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label> {
         return Err(line.in_field(COLUMNS[column], expected, columns[column]));
     }
     let three = |first: usize| [0, 1, 2].map(|i| numbers[first + i]);
+    let whole = |track: &&str| {
+        let expected = "a whole number (a score is the last column of detections)";
+        let whole = track.parse::<i64>();
+        whole.map_err(|_| line.in_field("track", expected, track))
+    };
     let track = columns[15..columns.len() - usize::from(scored)].first();
+    let track = track.map(whole).transpose()?;
     let score = scored.then(|| number(columns.len() - 1, "score"));
     Ok(Label {
         class: columns[0].to_owned(),
@@ -118,8 +124,7 @@ fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label> {
         },
         score: score.transpose()?,
         probability: None,
-        // -1: none.
-        track: track.and_then(|track| track.parse().ok()),
+        track: track.and_then(|track| u32::try_from(track).ok()),
     })
 }
 
@@ -173,9 +178,10 @@ mod tests {
 
     #[test]
     fn reads_labels_with_and_without_a_track_id() {
-        let labels = parsed(&format!("{CAR}\n\n{CAR} 7\n"), false).expect("labels");
-        assert_eq!(labels.len(), 2);
-        assert_eq!((labels[0].track, labels[1].track), (None, Some(7)));
+        let text = format!("{CAR}\n\n{CAR} 7\n{CAR} -1\n");
+        let labels = parsed(&text, false).expect("labels");
+        let tracks = labels.iter().map(|label| label.track);
+        assert!(tracks.eq([None, Some(7), None]));
         let car = &labels[0];
         assert!(car.is("car") && !car.is_dont_care());
         let found = (car.occluded, car.truncated, car.alpha_rad, car.score);

@@ -81,17 +81,15 @@ fn frame(options: &PrepareOptions, dataset: &Dataset, name: &str, out: &Path) ->
     let scan = out.join(format!("velodyne/{name}.bin"));
     write_file(&scan, &scan_bytes(&points))?;
     // Lines go over as they are, track ids and all.
-    let mut texts = vec![
-        ("label_2", read_text(&dataset.label_path(name))?),
-        ("calib", read_text(&dataset.calibration_path(name))?),
-    ];
-    let plane = dataset.plane_path(name);
-    if plane.is_file() {
-        texts.push(("planes", read_text(&plane)?));
-    }
-    for (folder, text) in texts {
-        let file = out.join(folder).join(format!("{name}.txt"));
-        write_file(&file, text.as_bytes())?;
+    for (folder, path) in [
+        ("label_2", dataset.label_path(name)),
+        ("calib", dataset.calibration_path(name)),
+        ("planes", dataset.plane_path(name)),
+    ] {
+        if folder != "planes" || path.is_file() {
+            let file = out.join(folder).join(format!("{name}.txt"));
+            write_file(&file, read_text(&path)?.as_bytes())?;
+        }
     }
     Ok(true)
 }

@@ -3,7 +3,7 @@
 //! A label counts in its own bin alone; elsewhere it may be found or not. A detection that finds no label is wrong in its own bin alone.
 
 use crate::curve::Curve;
-use crate::matching::{InBin, match_frame};
+use crate::matching::{Binned, match_frame};
 use crate::report::{ApEntry, render};
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric, rings::FrameRings};
 use mluc_dataset::Label;
@@ -45,9 +45,6 @@ pub struct Breakdown {
     pub classes: Vec<(String, Vec<ApEntry>)>,
 }
 
-/// The number of the bin of each label and each detection of a frame.
-type Binned = [Vec<usize>; 2];
-
 impl Breakdown {
     /// By the distance of the box in the plane.
     pub fn by_range(frames: &[LabelledFrame], rules: &[ClassRule]) -> Breakdown {
@@ -87,10 +84,8 @@ impl Breakdown {
     ) -> Breakdown {
         let entry = |rule: &ClassRule, bin: usize| {
             let matched = |(frame, binned): (&LabelledFrame, &Binned)| {
-                let in_bin = |all: &Vec<usize>| all.iter().map(|own| *own == bin).collect();
-                let [labels, detections] = binned.each_ref().map(in_bin);
-                let bin = InBin { labels, detections };
-                match_frame(frame, rule, Metric::Space, Difficulty::Hard, Some(&bin))
+                let bin = Some((binned, bin));
+                match_frame(frame, rule, Metric::Space, Difficulty::Hard, bin)
             };
             let parts: Vec<Curve> = frames.par_iter().zip(binned).map(matched).collect();
             ApEntry::of(&Curve::of(&parts))

@@ -27,12 +27,9 @@ struct Candidate {
     near_truth: bool,
 }
 
-/// For AP by a property of the objects: which labels and detections of a frame are in the bin at hand. Labels outside of it may be
+/// For AP by a property of the objects: the bin of each label and of each detection of a frame. Labels outside of the bin at hand may be
 /// found or not; detections outside of it that find nothing are not counted.
-pub(crate) struct InBin {
-    pub(crate) labels: Vec<bool>,
-    pub(crate) detections: Vec<bool>,
-}
+pub(crate) type Binned = [Vec<usize>; 2];
 
 /// Matches every frame for one class, metric and difficulty.
 pub(crate) fn match_frames(
@@ -52,7 +49,7 @@ pub(crate) fn match_frame(
     rule: &ClassRule,
     metric: Metric,
     difficulty: Difficulty,
-    bin: Option<&InBin>,
+    bin: Option<(&Binned, usize)>,
 ) -> Curve {
     let (truths, candidates) = prepare(frame, rule, metric, difficulty, bin);
     let mut curve = Curve {
@@ -69,8 +66,9 @@ fn prepare(
     rule: &ClassRule,
     metric: Metric,
     difficulty: Difficulty,
-    bin: Option<&InBin>,
+    bin: Option<(&Binned, usize)>,
 ) -> (Vec<Truth>, Vec<Candidate>) {
+    let is_outside = |side: usize, i: usize| bin.is_some_and(|(all, at)| all[side][i] != at);
     let mut candidates = Vec::new();
     let mut boxes = Vec::new();
     for (index, detection) in frame.detections.iter().enumerate() {
@@ -84,7 +82,7 @@ fn prepare(
             candidates.push(Candidate {
                 score: score_of(detection),
                 valid: !small,
-                is_excused: in_dont_care || bin.is_some_and(|bin| !bin.detections[index]),
+                is_excused: in_dont_care || is_outside(1, index),
                 near_truth: false,
             });
             boxes.push((detection.image_box_px, detection.camera_box.upright()));
@@ -107,7 +105,7 @@ fn prepare(
             candidates[*i].near_truth = true;
         }
         truths.push(Truth {
-            valid: counts && difficulty.takes(label) && bin.is_none_or(|bin| bin.labels[index]),
+            valid: counts && difficulty.takes(label) && !is_outside(0, index),
             near,
         });
     }

@@ -45,10 +45,10 @@ const FIGURES: [(&str, usize, usize, f64); 6] = [
 type Counts = [f64; 7];
 
 /// What an object lies on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Place {
-    Known,
-    Unknown,
+    /// A label that a rule of this kind asks for.
+    On(ObjectKind),
     /// A label that no rule asks for.
     Other,
     Nothing,
@@ -66,7 +66,7 @@ struct Judged {
 
 impl Judged {
     fn is_right(&self) -> bool {
-        self.place == [Place::Unknown, Place::Known][usize::from(self.kind == ObjectKind::Known)]
+        self.place == Place::On(self.kind)
     }
 }
 
@@ -117,11 +117,11 @@ impl Operating {
     pub fn safe_score_min(&self, kind: ObjectKind, false_a_scan: f64) -> f32 {
         let draws = self.draws.iter();
         let of_draws = draws.map(|draw| self.score_min(draw, kind, false_a_scan));
-        // No score is above 1.
-        quantile_of(of_draws.collect(), 0.95).map_or(0.0, |score| score.min(1.0) as f32)
+        // A model's scores are 0 to 1.
+        quantile_of(of_draws.collect(), 0.95).map_or(0.0, |score| score.clamp(0.0, 1.0) as f32)
     }
 
-    /// The lowest score at or above which at most so many objects a scan lie on no label.
+    /// The lowest score at or above which at most so many objects a scan lie on no label; negative infinity where all of them may.
     fn score_min(&self, frames: &[usize], kind: ObjectKind, false_a_scan: f64) -> f64 {
         let objects = frames.iter().flat_map(|&at| &self.frames[at].objects);
         let wrong = objects.filter(|o| o.kind == kind && o.place == Place::Nothing);
@@ -131,7 +131,7 @@ impl Operating {
         let most = (false_a_scan * frames.len() as f64 + 1e-9) as usize;
         // Scores are f32 values.
         let first_over = scores.get(most).map(|score| *score as f32);
-        first_over.map_or(0.0, |score| score.next_up().into())
+        first_over.map_or(f64::NEG_INFINITY, |score| score.next_up().into())
     }
 
     fn point(&self, name: String, kind: ObjectKind, score_min: f64) -> Point {
@@ -262,7 +262,9 @@ impl FrameOutcome {
         let curves = self.curves.iter().filter(|(of, _)| *of == kind);
         let curve = Curve::of(curves.map(|(_, curve)| curve));
         let (hits, labels) = (curve.counts_at(score_min).0, curve.truth_count);
-        let [none, known, unknown] = [Place::Nothing, Place::Known, Place::Unknown].map(on);
+        let kinds = [ObjectKind::Known, ObjectKind::Unknown];
+        let [known, unknown] = kinds.map(|kind| on(Place::On(kind)));
+        let none = on(Place::Nothing);
         let all = objects.count() as f64;
         [1.0, all, none, known, unknown, hits as f64, labels as f64]
     }
@@ -362,13 +364,10 @@ pub(crate) fn lies_on(
     let places = around.map(|label| {
         let mut rules = rules.iter();
         let rule = rules.find(|rule| rule.label_counts(label) == Some(true));
-        match rule.map(|rule| rule.kind) {
-            Some(ObjectKind::Known) => (own != ObjectKind::Known, Place::Known),
-            Some(ObjectKind::Unknown) => (own != ObjectKind::Unknown, Place::Unknown),
-            None => (true, Place::Other),
-        }
+        rule.map_or(Place::Other, |rule| Place::On(rule.kind))
     });
-    places.min().map_or(Place::Nothing, |(_, place)| place)
+    let rank = |place: &Place| (*place != Place::On(own), *place == Place::Other);
+    places.min_by_key(rank).unwrap_or(Place::Nothing)
 }
 
 pub(crate) fn is_on(detection: &Label, label: &Label) -> bool {
@@ -428,7 +427,7 @@ mod tests {
         ];
         objects[5].camera_box.location_m[0] = 0.0;
         objects[6].camera_box.location_m[2] = 71.0;
-        let frames = [frame(labels, objects), frame(vec![], vec![])];
+        let mut frames = [frame(labels, objects), frame(vec![], vec![])];
         let judged = Operating::of(&frames, &[1, 1], &rules());
         let points = judged.points(ObjectKind::Unknown);
         let published = ("published", vec![2.0, 0.5, 0.5, 0.5, 50.0]);
@@ -447,6 +446,12 @@ mod tests {
         let tenth = json!({"from": 0.8, "objects": 1.0, "mean": 0.8, "on_own_label": 1.0});
         assert_eq!(reliability["tenths"][3], tenth);
         assert!(judged.to_table().contains("calibration error 0.425"));
+        // Scores may lie below 0.
+        for object in &mut frames[0].detections {
+            object.score = object.score.map(|score| score - 1.0);
+        }
+        let low = Operating::of(&frames, &[1, 1], &rules()).points(ObjectKind::Unknown);
+        assert!(low.iter().map(figures).eq(points.iter().map(figures)));
     }
 
     #[test]

@@ -44,7 +44,7 @@ pub struct ClassRule {
     pub kind: ObjectKind,
     /// Label classes that are to be found, lower case.
     pub valid: Vec<String>,
-    /// Label classes that may be found or not, lower case.
+    /// Label classes that may be found or not, lower case; one that is valid too is to be found.
     pub ignored: Vec<String>,
     /// The overlap of a match must be greater.
     pub iou_min: f64,

@@ -71,15 +71,10 @@ impl JudgedPoint {
 /// Index of the point with the best harmonic mean among those that keep nine tenths of the mean AP of the first one, the closed set;
 /// the first of equal ones; 0 without points.
 pub fn best_index(points: &[SweepPoint]) -> usize {
-    let closed = points.first().map_or(0.0, |closed| closed.map_known);
-    let mut best = 0;
-    for (i, point) in points.iter().enumerate() {
-        if point.map_known >= KNOWN_KEPT_MIN * closed && point.map_harm() > points[best].map_harm()
-        {
-            best = i;
-        }
-    }
-    best
+    let keeps = |i: &usize| points[*i].map_known >= KNOWN_KEPT_MIN * points[0].map_known;
+    let harm = |i: usize| points[i].map_harm();
+    let better = |best: usize, i: usize| if harm(i) > harm(best) { i } else { best };
+    (0..points.len()).filter(keeps).fold(0, better)
 }
 
 /// Outcome of the honest protocol.

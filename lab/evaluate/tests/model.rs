@@ -62,11 +62,17 @@ fn boxes_that_touch_no_label_are_the_background() {
     let of_e = |fixture: &Fixture| fixture.judge(&fixture.model).separation[0].clone();
     let before = of_e(&fixture);
     assert_eq!((before.background, before.auroc_background), (0, None));
-    // One between the prototypes and three far beyond them, high above the ground.
+    // One between the prototypes and three far beyond them, high above the ground; in front a box on a label that has a surer one.
     for frame in &mut fixture.frames {
+        let worse = frame.detections.first().map(|surer| Detection {
+            objectness: 0.1,
+            eds_normalised: 1.0,
+            ..*surer
+        });
         let above = Box3::new([20.0, 0.0, 40.0, 2.0, 1.0, 1.5, 0.0]);
         let boxes = [1.0, 3.0, 3.0, 3.0].map(|e| detection(&above, 0, 0.2, e));
-        frame.detections.extend(boxes);
+        frame.detections.extend(boxes.into_iter().chain(worse));
+        frame.detections.rotate_right(1);
     }
     let e = of_e(&fixture);
     assert_eq!((e.background, e.auroc_background), (48, Some(0.75)));

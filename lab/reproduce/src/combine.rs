@@ -1,7 +1,7 @@
 //! From evaluations to the rows of a report.
 
 use crate::evaluated::Evaluated;
-use crate::report::{MeanSpread, MethodFigures, SpreadKind};
+use crate::report::{MethodFigures, SpreadKind};
 use mluc_evaluate::{KNOWN_KEPT_MIN, SweepPoint};
 use mluc_geometry::mean_and_spread;
 use std::collections::BTreeMap;
@@ -21,7 +21,13 @@ pub(crate) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
     let (spread, figures) = if seeds.len() > 1 {
         (SpreadKind::Seeds, over_seeds(&Evaluated::named))
     } else {
-        (SpreadKind::Bootstrap, with_bootstrap(first))
+        // Figures that the bootstrap was not taken of have a deviation of 0.
+        let with_spread = |(name, value): (String, f64)| {
+            let spread = first.bootstrap.get(&name).map_or(0.0, |f| f[1]);
+            (name, [value, spread])
+        };
+        let figures = first.named().into_iter().map(with_spread);
+        (SpreadKind::Bootstrap, figures.collect())
     };
     Some(MethodFigures {
         network: first.network.clone(),
@@ -39,15 +45,6 @@ pub(crate) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
         curve: kept(&first.curve),
         figures,
     })
-}
-
-/// Every figure; those that the bootstrap was not taken of have a deviation of 0.
-fn with_bootstrap(evaluated: &Evaluated) -> BTreeMap<String, MeanSpread> {
-    let with_spread = |(name, value): (String, f64)| {
-        let spread = evaluated.bootstrap.get(&name).map_or(0.0, |f| f[1]);
-        (name, [value, spread])
-    };
-    evaluated.named().into_iter().map(with_spread).collect()
 }
 
 /// Points that keep nine tenths of the first one's mAP.

@@ -72,9 +72,10 @@ impl TestFrames {
     pub(crate) fn open(options: &Options, setting: Setting) -> Result<TestFrames> {
         let folder = options.layout.data_of(setting, "").join("test");
         let sizes = options.sizes(setting);
+        let is_whole = options.size == Size::Full && options.test_frames.is_none();
         let frames = match setting {
-            // All of a recorded split.
-            Setting::Kitti => usize::MAX,
+            // All of a recorded split, unless fewer are asked for.
+            Setting::Kitti if is_whole => usize::MAX,
             _ => sizes.test_frames as usize,
         };
         let set = FrameSet::open(&folder, None, frames)?;

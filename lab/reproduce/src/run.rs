@@ -5,7 +5,7 @@ use crate::plan::{Step, Work, plan};
 use crate::train::{RunState, run_state};
 use crate::{Result, Setting};
 use crate::{assemble::write_report, evaluate::evaluate_network};
-use mluc_dataset::prepare;
+use mluc_dataset::{check_files, prepare};
 use mluc_evaluate::{EvaluateError, pipeline::FrameSet};
 use std::collections::btree_map::Entry;
 
@@ -15,9 +15,14 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<()> {
     for folder in &options.real {
         FrameSet::open(folder, None, 1)?;
     }
+    let plan = plan(options);
+    for step in &plan {
+        if let (Work::Prepare(_, of), false) = (&step.work, is_done(options, step)?) {
+            check_files(&of.splits.open(&of.split)?)?;
+        }
+    }
     let out = &options.layout.out;
     std::fs::create_dir_all(out).map_err(|e| EvaluateError::file(out, e))?;
-    let plan = plan(options);
     let mut tests = Tests::new();
     for (index, step) in plan.iter().enumerate() {
         if is_done(options, step)? {
@@ -70,7 +75,8 @@ fn take(options: &Options, step: &Step, tests: &mut Tests, screen: &dyn Screen) 
             simulation.run(|| screen.tick())
         }
         Work::Prepare(_, options) => {
-            screen.count("frames", 0);
+            let frames = options.splits.open(&options.split)?.names().len();
+            screen.count("frames", frames as u64);
             Ok(prepare(options, || screen.tick())?)
         }
         Work::Train(training) => {

@@ -33,10 +33,8 @@ impl Simulation {
                 (format!("-{name}"), "train")
             };
             let folder = layout.data_of(setting, &what).join(folder);
-            let options = ExportOptions {
-                synthetic_unknown: seed == SYNTHETIC_SEED,
-                ..ExportOptions::new(family, split, frames, seed, folder)
-            };
+            let mut options = ExportOptions::new(family, split, frames, seed, folder);
+            options.synthetic_unknown = seed == SYNTHETIC_SEED;
             Simulation { name, options }
         };
         let [train, supervised] = [sizes.train_frames, sizes.supervised_frames];
@@ -94,10 +92,8 @@ impl Simulation {
         if beside.is_dir() {
             std::fs::remove_dir_all(&beside).map_err(|e| EvaluateError::file(&beside, e))?;
         }
-        let options = ExportOptions {
-            folder: beside.clone(),
-            ..self.options.clone()
-        };
+        let mut options = self.options.clone();
+        options.folder = beside.clone();
         export(&options, step).map_err(|e| EvaluateError::Input(e.to_string()))?;
         std::fs::rename(&beside, folder).map_err(|e| EvaluateError::file(folder, e))
     }

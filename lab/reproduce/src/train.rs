@@ -75,7 +75,9 @@ impl Training {
         let validate_frames = if is_own { sizes.validate_frames } else { 0 };
         let mut arguments = vec!["train".to_owned()];
         let mut add = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
-        let text = |path: &Path| path.display().to_string();
+        // A folder's name may begin as an option does.
+        let dot = |path: &Path| ["", "./"][usize::from(path.to_string_lossy().starts_with('-'))];
+        let text = |path: &Path| format!("{}{}", dot(path), path.display());
         add("--setting", setting.trainer_name().to_owned());
         add("--network", network.name());
         add("--data", text(&layout.data_of(setting, data)));
@@ -113,6 +115,7 @@ impl Training {
         }
         let status = Command::new(program)
             .args(&self.arguments)
+            .args(["--threads", &rayon::current_num_threads().to_string()])
             .stdout(Stdio::null())
             .status()
             .map_err(|e| EvaluateError::file(program, e))?;

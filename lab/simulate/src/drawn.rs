@@ -7,7 +7,7 @@ use mluc_model::{SensorProfile, SensorUnit};
 /// Products that training never sees: thin, middle and dense, for the figures on sensors that are new to a network.
 pub const HELD_OUT: [&str; 3] = ["helios-16p", "pandar40p", "ruby-plus"];
 
-/// Rays of a frame, at most: finer steps are coarsened to it.
+/// Rays of a drawn sensor's frame, at most: finer steps are coarsened to it.
 const RAYS_MAX: f32 = 230_000.0;
 
 /// Columns of a frame, at most.
@@ -41,6 +41,13 @@ pub(crate) fn sensor(dice: &mut Dice) -> SensorProfile {
     profile.azimuth_step_deg = profile.azimuth_step_deg.max(step_min_deg);
     profile.height_m = Some(height_m(dice));
     profile
+}
+
+/// Rays of a turn: beams, of all units, times columns.
+pub fn rays(profile: &SensorProfile) -> f32 {
+    let beams = profile.elevations_deg.len() * profile.units.len().max(1);
+    let width_deg = profile.field_deg.map_or(360.0, |[_, width]| width);
+    beams as f32 * width_deg / profile.azimuth_step_deg
 }
 
 /// Some sensors move while they turn (low ones, of robots, slowly), unless they are to stay: where they see their own vehicle, which would move with them.
@@ -166,9 +173,7 @@ mod tests {
         let held_out = HELD_OUT.map(|name| SensorProfile::load(name).expect(name).name);
         assert_eq!(count(&|p| held_out.contains(&p.name)), 0);
         for p in &drawn {
-            let width_deg = p.field_deg.map_or(360.0, |[_, width]| width);
-            let rays = (beams(p) * p.units.len().max(1)) as f32 * width_deg / p.azimuth_step_deg;
-            assert!(rays < 1.01 * RAYS_MAX, "{p:?}");
+            assert!(rays(p) < 1.01 * RAYS_MAX, "{p:?}");
             assert!(p.elevations_deg.is_sorted_by(|a, b| a >= b), "{p:?}");
         }
     }

@@ -4,14 +4,14 @@
 //! and `ImageSets/SPLIT.txt`; sequences also `poses.txt` (x, y, z, yaw of the sensor in the frame of the sequence's first scan) and `timestamps.txt`.
 
 use super::{Class, Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Split};
-use super::{Shown, Stream, Turn, labels::calibration, turn};
+use super::{Shown, Step, Stream, Turn, drawn::rays, labels::calibration, turn};
 use clap::Parser;
 use mluc_dataset::{DatasetError, Label, make_folders, scan_bytes, write_file};
 use mluc_geometry::{Calibration, limit_period};
+use mluc_ipc_types::POINTS_MAX;
 use mluc_model::SensorProfile;
 use mluc_sources::shard;
 use rayon::prelude::*;
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// What to write.
@@ -72,11 +72,67 @@ impl ExportOptions {
     pub fn new(family: Family, split: Split, frames: u32, seed: u64, folder: PathBuf) -> Self {
         let [family, split] = [family.name(), split.name()];
         let words = format!(
-            "simulate --family {family} --split {split} --frames {frames} --seed {seed} --out"
+            "simulate --family {family} --split {split} --frames {frames} --seed {seed} --out=."
         );
-        let words = words.split(' ').map(OsStr::new);
-        let options = ExportOptions::try_parse_from(words.chain([folder.as_os_str()]));
-        options.expect("options of the simulator")
+        let options = ExportOptions::try_parse_from(words.split(' '));
+        let options = options.expect("options of the simulator");
+        ExportOptions { folder, ..options }
+    }
+
+    /// Refuses what cannot be simulated, and a folder that holds anything unless the export is to be gone on with. Nothing is written.
+    pub fn check(&self) -> Result<(), DatasetError> {
+        let split = self.split.name();
+        if self.synthetic_unknown && self.split != Split::Train {
+            let found = format!("{split}: its unknown objects are real ones");
+            let place = "synthetic unknown objects";
+            return Err(DatasetError::unexpected(place, "the split train", found));
+        }
+        if self.unseen && self.split == Split::Train {
+            let expected = "the split val or test";
+            return Err(DatasetError::unexpected("unseen classes", expected, split));
+        }
+        // The poses of frames that are there are not known.
+        if self.resume && self.sequence.is_some() {
+            let found = "a sequence, whose poses are not kept";
+            let expected = "an export to go on with";
+            return Err(DatasetError::unexpected(expected, "single frames", found));
+        }
+        let is_any = self.family == Family::SimAny;
+        let has_profile = is_any || self.sensor.is_some() || self.scanned_by.is_some();
+        let applies = |step: &Step| match step {
+            Step::Rings | Step::Noise => !has_profile,
+            Step::Street => is_any,
+            Step::Weather => is_any && self.sequence.is_none(),
+            _ => true,
+        };
+        let is_idle = |step: &Step| !self.realism.has(*step) && !applies(step);
+        if let Some(step) = Step::ALL.into_iter().find(is_idle) {
+            let steps = Step::ALL.into_iter().filter(applies).map(Step::name);
+            let steps: Vec<&str> = steps.collect();
+            let expected = format!("steps of these scans ({})", steps.join(", "));
+            return Err(DatasetError::unexpected("--without", expected, step.name()));
+        }
+        for sensor in self.sensor.iter().chain(self.scanned_by.as_deref()) {
+            let rays = rays(sensor);
+            if rays > POINTS_MAX as f32 {
+                let place = format!("sensor {}", sensor.name);
+                let expected = format!("at most {POINTS_MAX} rays a scan (beams x columns)");
+                let found = format!("{rays:.0}; choose a larger azimuth_step_deg");
+                return Err(DatasetError::unexpected(place, expected, found));
+            }
+        }
+        if self.folder.exists() && !self.resume {
+            let failed = DatasetError::read(&self.folder);
+            let mut entries = std::fs::read_dir(&self.folder).map_err(&failed)?;
+            if let Some(entry) = entries.next() {
+                let name = entry.map_err(&failed)?.file_name();
+                let name = name.display();
+                let found = format!("{name} in it; choose another folder or remove it");
+                let (place, expected) = (self.folder.display(), "an empty or a new folder");
+                return Err(DatasetError::unexpected(place, expected, found));
+            }
+        }
+        Ok(())
     }
 
     /// The frames of the part, or all.
@@ -88,17 +144,10 @@ impl ExportOptions {
 
 /// Writes a data set. `written` is called after each frame, from any thread.
 pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), SimulateError> {
-    let split = options.split.name();
-    if options.synthetic_unknown && options.split != Split::Train {
-        let found = format!("{split}: its unknown objects are real ones");
-        let place = "synthetic unknown objects";
-        return Err(DatasetError::unexpected(place, "the split train", found).into());
-    }
-    if options.unseen && options.split == Split::Train {
-        let expected = "the split val or test";
-        return Err(DatasetError::unexpected("unseen classes", expected, split).into());
-    }
-    prepare(options)?;
+    options.check()?;
+    let parts = "velodyne label_2 calib planes instances ImageSets".split(' ');
+    let parts = parts.chain(options.moving.then_some("timed"));
+    make_folders(&options.folder, &parts.collect::<Vec<_>>())?;
     let calibration = calibration(options.family)?;
     let one = |index| {
         if options.resume && is_written(&options.folder, index) {
@@ -113,7 +162,8 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
     let poses = options.indices().into_par_iter().map(one);
     write_poses(options, &poses.collect::<Result<Vec<_>, SimulateError>>()?)?;
     let names: String = (0..options.frames).map(|i| format!("{i:06}\n")).collect();
-    let list = options.folder.join(format!("ImageSets/{split}.txt"));
+    let list = format!("ImageSets/{}.txt", options.split.name());
+    let list = options.folder.join(list);
     Ok(write_file(&list, names.as_bytes())?)
 }
 
@@ -164,29 +214,6 @@ fn write_poses(options: &ExportOptions, poses: &[[f64; 3]]) -> Result<(), Datase
 fn is_written(folder: &Path, index: u32) -> bool {
     let last = folder.join(format!("planes/{index:06}.txt"));
     std::fs::metadata(last).is_ok_and(|file| file.len() > 0)
-}
-
-/// Makes the folder and its parts; refuses one that holds anything, unless the export is to be gone on with. Poses of frames that were there are not known.
-fn prepare(options: &ExportOptions) -> Result<(), DatasetError> {
-    let (folder, resume) = (&options.folder, options.resume);
-    if resume && options.sequence.is_some() {
-        let found = "a sequence, whose poses are not kept";
-        let expected = "an export to go on with";
-        return Err(DatasetError::unexpected(expected, "single frames", found));
-    }
-    if folder.exists() && !resume {
-        let mut entries = std::fs::read_dir(folder).map_err(DatasetError::read(folder))?;
-        if let Some(entry) = entries.next() {
-            let name = entry.map_err(DatasetError::read(folder))?.file_name();
-            let name = name.display();
-            let found = format!("{name} in it; choose another folder or remove it");
-            let expected = "an empty or a new folder";
-            return Err(DatasetError::unexpected(folder.display(), expected, found));
-        }
-    }
-    let parts = "velodyne label_2 calib planes instances ImageSets";
-    let timed = options.moving.then_some("timed");
-    make_folders(folder, &parts.split(' ').chain(timed).collect::<Vec<_>>())
 }
 
 fn write_frame(

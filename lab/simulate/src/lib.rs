@@ -4,7 +4,7 @@
 //! (`labels`). All randomness is hashed from its key, so the bits do not depend on threads or on other frames. Sizes and ranges of objects follow published
 //! statistics of KITTI's labels; nothing of its data is used.
 //!
-//! `sim-any` also moves some sensors while they turn and gives some of them second returns. Left out: rain, and a physical model of intensity.
+//! `sim-any` also moves some sensors while they turn, gives some of them second returns, and has rain. Left out: snow, fog, and a physical model of intensity.
 
 mod background;
 mod drawn;
@@ -25,7 +25,7 @@ mod scene;
 mod sensor;
 pub mod synthetic_unknown;
 
-pub use drawn::HELD_OUT;
+pub use drawn::{HELD_OUT, rays};
 pub use export::{ExportOptions, export};
 pub use mluc_sources::shard;
 pub use realism::{Realism, Step};
@@ -137,15 +137,10 @@ pub struct Unseen(u8);
 
 impl Class {
     /// What stands for itself and can be known: all but unseen classes and synthetic unknown objects.
-    pub const REAL: [Class; 7] = [
-        Class::Car,
-        Class::Van,
-        Class::Truck,
-        Class::Pedestrian,
-        Class::Cyclist,
-        Class::GolfCart,
-        Class::Forklift,
-    ];
+    pub const REAL: [Class; 7] = {
+        use Class::*;
+        [Car, Van, Truck, Pedestrian, Cyclist, GolfCart, Forklift]
+    };
 
     /// Name in label files.
     pub fn name(self) -> &'static str {

@@ -93,10 +93,8 @@ mod tests {
     }
 
     fn frame_of(family: Family, steps: &[Step], index: u32) -> SimulatedFrame {
-        let stream = Stream {
-            realism: Realism::without(steps),
-            ..Stream::full(family, Split::Train, 1)
-        };
+        let mut stream = Stream::full(family, Split::Train, 1);
+        stream.realism = Realism::without(steps);
         turn(stream, [None; 2], index, None).expect("a frame").0
     }
 

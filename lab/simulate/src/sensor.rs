@@ -231,10 +231,8 @@ impl Sensor {
     /// A profile's sensor as it is in one frame: elevations stray by `jitter_deg`, as units of a type do.
     pub(crate) fn of(profile: &SensorProfile, jitter_deg: f32, key: u64, drops: bool) -> Sensor {
         let draw = |stream: Stream, beam: usize| hash(&[key, stream as u64, beam as u64]);
-        let noise = Noise {
-            range_m: profile.range_noise_m,
-            ..NOISE
-        };
+        let mut noise = NOISE;
+        noise.range_m = profile.range_noise_m;
         let columns = (360.0 / profile.azimuth_step_deg).round() as usize;
         let own_tilt = SensorUnit {
             pitch_deg: profile.pitch_deg,
@@ -448,10 +446,8 @@ mod tests {
 
     #[test]
     fn drop_grows_with_range_and_grazing() {
-        let sensor = Sensor {
-            base_drop: 0.03,
-            ..Sensor::new(5, false, Realism::FULL)
-        };
+        let mut sensor = Sensor::new(5, false, Realism::FULL);
+        sensor.base_drop = 0.03;
         let drop = |range_m, rho, cos| drop_probability(&sensor, range_m, rho, cos);
         assert!(drop(20.0, 0.4, 1.0) < 0.05);
         assert!(drop(80.0, 0.1, 1.0) > 0.95);
@@ -460,10 +456,8 @@ mod tests {
 
     #[test]
     fn lines_of_a_sector_wave_together_or_each_by_itself() {
-        let profile = SensorProfile {
-            field_deg: Some([0.0, 120.0]),
-            ..SensorProfile::load("vlp-16").expect("a product")
-        };
+        let mut profile = SensorProfile::load("vlp-16").expect("a product");
+        profile.field_deg = Some([0.0, 120.0]);
         let strays = |out_of_step, beam| {
             let mut sensor = Sensor::of(&profile, 0.0, 3, true);
             assert!(sensor.is_sector());

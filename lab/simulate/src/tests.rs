@@ -78,10 +78,8 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads_and_in_parts() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = |threads: usize, shard: Option<[u32; 2]>| {
         let folder = folder.path().join(format!("{threads} {shard:?}"));
-        let options = ExportOptions {
-            shard,
-            ..ExportOptions::new(Family::SimUdi, Split::Val, 4, 5, folder.clone())
-        };
+        let mut options = ExportOptions::new(Family::SimUdi, Split::Val, 4, 5, folder.clone());
+        options.shard = shard;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let written = pool.expect("threads").install(|| export(&options, || ()));
         written.expect("written");
@@ -101,10 +99,14 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads_and_in_parts() {
         let expected = if part.starts_with("ImageSets") { 2 } else { 1 };
         assert_eq!(copies.len(), expected, "{part}");
     }
-    let again = ExportOptions::new(Family::SimUdi, Split::Val, 1, 5, one);
+    let mut again = ExportOptions::new(Family::SimUdi, Split::Val, 1, 5, one);
     let refused = export(&again, || ()).expect_err("not empty").to_string();
     let words = "expected an empty or a new folder";
     assert!(refused.contains(words), "{refused}");
+    // The noise of a profile's sensor stays.
+    (again.family, again.realism) = (Family::SimAny, Realism::without(&[Step::Noise]));
+    let refused = export(&again, || ()).expect_err("noise").to_string();
+    assert!(refused.contains("weather), found noise"), "{refused}");
 }
 
 #[test]
@@ -368,7 +370,6 @@ fn classes_that_are_also_known_stand_in_training() {
 
 #[test]
 fn unseen_classes_stand_in_one_split_and_never_in_training() {
-    let folder = tempfile::tempdir().expect("a folder");
     for family in Family::ALL {
         for split in [Split::Val, Split::Test] {
             let mut stream = Stream::full(family, split, 1);
@@ -382,10 +383,9 @@ fn unseen_classes_stand_in_one_split_and_never_in_training() {
             assert!(Unseen::of(split).map(Class::Unseen).eq(shown));
             assert!(count > 160, "{family:?} {split:?}: {count}");
         }
-        let options = ExportOptions {
-            unseen: true,
-            ..ExportOptions::new(family, Split::Train, 1, 1, folder.path().join("train"))
-        };
+        // A folder's name may begin as an option does.
+        let mut options = ExportOptions::new(family, Split::Train, 1, 1, "-train".into());
+        options.unseen = true;
         let fault = export(&options, || ()).expect_err("training").to_string();
         let words = "expected the split val or test, found train";
         assert!(fault.contains(words), "{fault}");
@@ -413,10 +413,8 @@ fn an_export_goes_on_where_it_was_interrupted() {
 #[test]
 fn synthetic_unknown_objects_are_labelled_and_bring_no_unknown_class() {
     for family in Family::ALL {
-        let stream = Stream {
-            synthetic_unknown: true,
-            ..Stream::full(family, Split::Train, 1)
-        };
+        let mut stream = Stream::full(family, Split::Train, 1);
+        stream.synthetic_unknown = true;
         let frames = (0..4).map(|index| turn(stream, [None; 2], index, None).expect("a frame").0);
         let objects: Vec<SimulatedObject> = frames.flat_map(|frame| frame.objects).collect();
         let is_synthetic = |o: &&SimulatedObject| o.class == Class::SyntheticUnknown;
@@ -427,10 +425,9 @@ fn synthetic_unknown_objects_are_labelled_and_bring_no_unknown_class() {
         assert!(!objects.iter().any(is_unknown));
         // Nor outside of training.
         let folder = tempfile::tempdir().expect("a folder");
-        let options = ExportOptions {
-            synthetic_unknown: true,
-            ..ExportOptions::new(family, Split::Val, 1, 1, folder.path().join("val"))
-        };
+        let out = folder.path().join("val");
+        let mut options = ExportOptions::new(family, Split::Val, 1, 1, out);
+        options.synthetic_unknown = true;
         let fault = export(&options, || ()).expect_err("real unknown objects");
         let words = "expected the split train, found val";
         assert!(fault.to_string().contains(words), "{fault}");

@@ -1,12 +1,22 @@
 //! What is checked before hours are spent on it: files, classes, boxes, points; and what a checkpoint must have been made of.
 
 use mluc_dataset::{Dataset, calibration_hash, check_classes, check_files, data_hash};
+use mluc_model::CLASSES_MAX;
 use rayon::prelude::*;
 
 use crate::{error::TrainError, log::TrainEvent, settings::TrainSettings, source::ScanSource};
 
 /// Scans whose labelled boxes are looked into: scans of other frames, or empty ones, show in the first few.
 const POINT_FRAMES: usize = 20;
+
+/// Refuses a number of `--known` classes that no model has; none are the setting's.
+pub fn check_known(known: &[String]) -> Result<(), TrainError> {
+    let expected = format!("2 to {CLASSES_MAX} classes");
+    match known.len() {
+        0 | 2..=CLASSES_MAX => Ok(()),
+        found => Err(TrainError::refused("--known".as_ref(), expected, found)),
+    }
+}
 
 /// The training split: every frame has its files, whole scans, labels of classes that are heard of, a calibration that can be used.
 pub(crate) fn training_split(settings: &TrainSettings) -> Result<Dataset, TrainError> {

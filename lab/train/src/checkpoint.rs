@@ -44,6 +44,13 @@ pub fn save(path: &Path, state: &TrainState, fingerprint: &str) -> Result<(), Tr
     run_folder::write(path, &bytes)
 }
 
+/// Whether two texts of settings and data are of one run; the path behind ` init ` may be spelled from another folder.
+pub(crate) fn is_same_run(texts: [&str; 2]) -> bool {
+    let [one, other] = texts.map(|text| text.split_once(" init ").unwrap_or((text, "")));
+    let [a, b] = [one.1, other.1].map(|path| format!("/{}", path.trim_start_matches(['.', '/'])));
+    one.0 == other.0 && (a.ends_with(&b) || b.ends_with(&a))
+}
+
 /// Restores into a state of the same shapes; false when there is no checkpoint.
 pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bool, TrainError> {
     let bytes = match std::fs::read(path) {
@@ -66,7 +73,7 @@ pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bo
         }
     };
     let found = text("settings");
-    if found != fingerprint {
+    if !is_same_run([found, fingerprint]) {
         let expected = format!("a run with '{fingerprint}'");
         return Err(wrong(path, expected, format!("'{found}'")));
     }

@@ -84,27 +84,23 @@ impl Setting {
         }
     }
 
-    /// The unknown classes, which only the upper bound learns: name, and a size (l, w, h, m) until the data gives one.
-    pub fn unknown_classes(self) -> [(&'static str, [f32; 3]); 2] {
+    /// The unknown classes, which only the upper bound learns.
+    pub fn unknown_classes(self) -> [&'static str; 2] {
         match self {
-            Setting::Udi => [
-                ("golf_cart", [2.4, 1.25, 1.85]),
-                ("forklift", [3.0, 1.2, 2.1]),
-            ],
-            Setting::Kitti | Setting::Any => {
-                [("van", [5.1, 1.9, 2.2]), ("truck", [10.0, 2.6, 3.2])]
-            }
+            Setting::Udi => ["golf_cart", "forklift"],
+            Setting::Kitti | Setting::Any => ["van", "truck"],
         }
     }
 
-    /// Objects of each class, then of each unknown one, that a frame holds after pasting (paper's implementation for KITTI; a
-    /// choice for UDI and for the unknown classes).
-    pub(crate) fn objects_wanted(self) -> &'static [usize] {
-        match self {
-            Setting::Udi => &[8, 10, 10, 5, 5, 5],
-            Setting::Kitti => &[15, 10, 10, 5, 5],
+    /// Objects of a class that a frame holds after pasting (paper's implementation for KITTI's three; a choice for UDI and other classes).
+    pub(crate) fn objects_wanted(self, class: &str) -> usize {
+        match (self, class) {
             // Its scans are full, and an object cut out of one sensor's scan is none of another's.
-            Setting::Any => &[0; 8],
+            (Setting::Any, _) => 0,
+            (Setting::Udi, "car") => 8,
+            (Setting::Kitti, "car") => 15,
+            (_, "pedestrian" | "cyclist") => 10,
+            _ => 5,
         }
     }
 

@@ -49,6 +49,7 @@ pub mod trainer;
 mod trainer_tests;
 mod validate;
 
+pub use check::check_known;
 pub use error::TrainError;
 pub use kind::{Architecture, NetworkKind, Setting};
 pub use log::{Progress, TrainEvent};

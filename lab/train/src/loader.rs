@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use crossbeam_channel::{Receiver, bounded};
 use mluc_geometry::Random;
-use mluc_model::{HeadKind, Manifest, VoxelInput};
+use mluc_model::{AnchorClass, HeadKind, Manifest, VoxelInput};
 
 use crate::anchors::Anchors;
 use crate::augment::{Augmentation, crop};
@@ -62,9 +62,10 @@ impl DataLoader {
     ) -> DataLoader {
         let sizes_m = manifest.classes.iter().map(|c| c.size_m.map(f64::from));
         let classes_m: Vec<_> = sizes_m.collect();
+        let wanted = |class: &AnchorClass| settings.setting.objects_wanted(&class.name);
         let augmentation = settings.augment.then(|| Augmentation {
             database: Arc::new(database),
-            wanted: settings.setting.objects_wanted().to_vec(),
+            wanted: manifest.classes.iter().map(wanted).collect(),
             synthetic_unknown: settings.synthetic_unknown(),
             classes_m: classes_m.clone(),
             mirror_x: settings.setting != Setting::Kitti,

@@ -38,6 +38,7 @@ type Notify<'a> = &'a mut dyn FnMut(TrainEvent);
 impl Run {
     /// Reads what the training split says, and the checkpoint where there is one.
     pub fn prepare(settings: &TrainSettings, notify: Notify) -> Result<Run, TrainError> {
+        check::check_known(&settings.known)?;
         let lock = run_folder::enter(&settings.out)?;
         let dataset = check::training_split(settings)?;
         check::validation_split(settings, notify)?;
@@ -102,13 +103,13 @@ impl Run {
         self.settings.out.join("model.safetensors")
     }
 
-    /// A finished model whose threshold was chosen or whose ranges were measured since: to write it again would lose them.
+    /// A finished model whose threshold or profiles were chosen or whose ranges were measured since: to write it again would lose them.
     fn is_refined(&self) -> bool {
         let step = self.trainer.state.step;
         let is_refined = |model: Model| {
             let from = model.manifest.provenance;
-            let is_plain = from.threshold_choice.is_empty() && from.calibration.is_empty();
-            from.steps == step && !is_plain
+            let choices = [from.threshold_choice, from.profile_choice, from.calibration];
+            from.steps == step && !choices.concat().is_empty()
         };
         step == self.settings.steps && Model::read(&self.model_path()).is_ok_and(is_refined)
     }
@@ -116,7 +117,7 @@ impl Run {
     /// Trains to the last step, judges the model on `val/`, writes its file; returns the path.
     pub fn finish(mut self, notify: Notify) -> Result<PathBuf, TrainError> {
         if self.is_refined() {
-            let text = "already trained; its threshold or int8 ranges were set since, so it stays as it is";
+            let text = "already trained; its threshold, profiles or int8 ranges were set since, so it stays as it is";
             notify(TrainEvent::Note(text.into()));
             return Ok(self.model_path());
         }
@@ -151,6 +152,7 @@ impl Run {
         if self.settings.kind == NetworkKind::MlucFull {
             let model = Model::from_bytes(&self.model()?)?;
             let set = FrameSet::open(&self.settings.data.join("train"), None, CLUSTER_FRAMES)?;
+            notify(TrainEvent::Note("fitting the score of clusters".into()));
             self.cluster_scorer = fit_to_proposals(&model, &set, self.settings.seed, || ())?;
             if self.cluster_scorer.is_none() {
                 let text = "clusters have no score: nothing is proposed on synthetic unknown objects, or nothing else";
@@ -191,6 +193,7 @@ impl Run {
         if frames == 0 || !folder.is_dir() {
             return Ok(());
         }
+        notify(TrainEvent::Note("judging on the validation scans".into()));
         let model = Model::read(&self.model_path())?;
         let (report, count, boxes) = validate(&model, &folder, frames)?;
         let mut metrics = BTreeMap::from([("validation_frames".into(), count as f64)]);

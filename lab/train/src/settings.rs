@@ -152,9 +152,8 @@ impl TrainSettings {
         manifest.classes.truncate(self.setting.classes());
         let like = manifest.classes[0].clone();
         let unknown = self.setting.unknown_classes().into_iter();
-        let unknown = unknown.map(|(name, size_m)| AnchorClass {
+        let unknown = unknown.map(|name| AnchorClass {
             name: name.into(),
-            size_m,
             matched_iou: 0.5,
             unmatched_iou: 0.35,
             ..like.clone()
@@ -200,7 +199,7 @@ impl TrainSettings {
         let fixed = self.kind.head().prototype_scale();
         fixed.unwrap_or(match self.kind {
             NetworkKind::MlucFull => 3.0,
-            _ => self.setting.classes() as f32,
+            _ => self.classes() as f32,
         })
     }
 
@@ -261,6 +260,9 @@ mod tests {
         let good = ["--setting", "kitti", "--network", "metric-open"];
         let losses = TrainSettings::of(&good, data, out).losses();
         assert_eq!(losses.variance_weight, 0.1);
+        let two = ["--setting", "kitti", "--known", "car,van"];
+        let two = TrainSettings::of(&two, data, out);
+        assert_eq!(two.prototype_scale(), 2.0);
         for (option, value) in [("steps", "0"), ("batch", "65"), ("learning-rate", "1")] {
             let option = format!("--{option}={value}");
             let options = ["train", "--setting=kitti", "--data=d", "--out=o", &option];

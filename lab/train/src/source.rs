@@ -85,10 +85,8 @@ mod tests {
     fn synthetic_unknown_objects_stand_for_the_unknown_where_that_is_asked_for() {
         let folder = tempfile::tempdir().expect("a folder");
         let root = folder.path().to_owned();
-        let options = ExportOptions {
-            synthetic_unknown: true,
-            ..ExportOptions::new(Family::SimKitti, Split::Train, 2, 3, root)
-        };
+        let mut options = ExportOptions::new(Family::SimKitti, Split::Train, 2, 3, root);
+        options.synthetic_unknown = true;
         export(&options, || ()).expect("written");
         // Synthetic unknown objects, and objects of no class.
         let count = |takes_synthetic_unknown: bool| {

@@ -63,6 +63,9 @@ fn a_wrong_checkpoint_is_refused_and_the_state_left_alone() {
     checkpoint::save(&path, &good, "seed 1").expect("saved");
     let text = fault("seed 2");
     assert!(text.contains("seed 1") && text.contains("seed 2"), "{text}");
+    // The path of --init may be spelled from another folder.
+    let is_same = |other: &str| checkpoint::is_same_run(["seed 1 init ../a/b data", other]);
+    assert!(is_same("seed 1 init /home/a/b data") && !is_same("seed 1 init c/b data"));
     // Cut short.
     let bytes = std::fs::read(&path).expect("read");
     std::fs::write(&path, &bytes[..bytes.len() / 2]).expect("written");
@@ -84,10 +87,8 @@ fn a_wrong_checkpoint_is_refused_and_the_state_left_alone() {
 
 fn write_model(t: &Trainer, manifest: &Manifest, path: &Path) {
     let weights = export::weights(&t.chain, &t.state);
-    let manifest = Manifest {
-        empty_objectness_max: export::empty_objectness_max(&t.chain, &t.state),
-        ..manifest.clone()
-    };
+    let mut manifest = manifest.clone();
+    manifest.empty_objectness_max = export::empty_objectness_max(&t.chain, &t.state);
     let bytes = mluc_model::model_bytes(&manifest, &weights).expect("a model");
     std::fs::write(path, bytes).expect("written");
 }
@@ -118,11 +119,8 @@ fn a_run_starts_from_another_networks_weights_where_they_fit() {
     assert_eq!(same.state.parameters, base.state.parameters);
     assert!(said.contains("fresh: nothing"), "{said}");
     // An open head: the classes' anchors, and the embedding scaled so that 2 T f stays.
-    let (mut open, to) = fresh(HeadKind::Open, 3, 2);
-    let to = Manifest {
-        prototype_scale: 2.0,
-        ..to
-    };
+    let (mut open, mut to) = fresh(HeadKind::Open, 3, 2);
+    to.prototype_scale = 2.0;
     let said = import::start_from(&path, &to, &mut open).expect("taken");
     for fresh in ["4 of 10 rows of head.objectness", "head.unknown"] {
         assert!(said.contains(fresh), "{said}");

@@ -35,4 +35,5 @@ pub use voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, localize, voxelize};
 // Whatever a checked model gives fits the contract.
 const _: () = assert!(mluc_model::MAP_CELLS_MAX <= mluc_ipc_types::CELLS_MAX);
 const _: () = assert!(mluc_model::FEATURE_CHANNELS_MAX <= mluc_ipc_types::FEATURE_CHANNELS_MAX);
+const _: () = assert!(mluc_model::CLASS_NAME_MAX <= mluc_ipc_types::CLASS_NAME_MAX);
 const _: () = assert!(mluc_model::VOXELS_MAX as usize <= mluc_ipc_types::POINTS_MAX);

@@ -24,7 +24,7 @@ impl Rulebooks {
     /// Memory for `network` and any scan: pages that no scan has needed yet are reserved, not touched.
     pub fn new(network: &Network) -> Rulebooks {
         let mut books = Rulebooks::default();
-        let sites_max = sites_max(network);
+        let sites_max = network.sites_max();
         let mut resolution = 0;
         for (number, layer) in network.sparse.iter().enumerate() {
             let known = books.sources.iter().position(|&(source, at)| {
@@ -78,24 +78,6 @@ impl Rulebooks {
             resolution => &self.resolutions[resolution - 1],
         }
     }
-}
-
-/// Most sites before the first layer and after each: a strided layer turns a site into at most so many as the windows
-/// that hold it (one with `floor`), and no level has more than its grid.
-pub(crate) fn sites_max(network: &Network) -> Vec<usize> {
-    let shapes = network.sparse_shapes();
-    let cells = |shape: &[usize; 3]| shape.iter().product::<usize>();
-    let mut most = vec![cells(&shapes[0]).min(network.grid.voxels_max as usize)];
-    for (layer, shape) in network.sparse.iter().zip(&shapes[1..]) {
-        let windows = |axis: usize| layer.kernel[axis].div_ceil(layer.stride[axis]);
-        let before = most[most.len() - 1];
-        most.push(if layer.submanifold || layer.floor {
-            before
-        } else {
-            cells(shape).min(before.saturating_mul((0..3).map(windows).product()))
-        });
-    }
-    most
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use mluc_model::{Folded, Manifest, Network, VoxelInput, WeightSet};
 use rayon::prelude::*;
 
 use crate::error::{BackboneError, Result};
-use crate::rulebooks::{Rulebooks, sites_max};
+use crate::rulebooks::Rulebooks;
 use crate::trace::{Place, Watch};
 use crate::voxelize::{POINTS_A_TASK, PointCounts, VOXEL_CHANNELS, Voxels, localize, voxelize};
 use crate::{convolution::Convolution, precision::Value, quant_scale::QuantScale, sites::Sites};
@@ -52,7 +52,7 @@ impl<V: Value> SparsePart<V> {
             Ok::<_, BackboneError>(QuantScale::between(before, &outputs[number], layer))
         };
         let others = (1..outputs.len()).map(|number| Ok(Convolution::new(&folded(number)?)));
-        let sites_max = sites_max(&network);
+        let sites_max = network.sites_max();
         let outputs_max = sites_max[1..].iter().zip(&network.sparse);
         let values_max = outputs_max.map(|(sites, layer)| sites * layer.cout).max();
         let room = || Vec::with_capacity(values_max.unwrap_or(0));

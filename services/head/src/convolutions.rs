@@ -3,7 +3,6 @@
 use mluc_kernels::{Epilogue, Gather, Weights, convolve};
 use mluc_model::{Folded, HeadKind, ModelError, Network, WeightSet};
 
-/// One head.
 #[derive(Clone, Debug)]
 pub(crate) struct RowHead {
     weights: Weights,
@@ -11,20 +10,6 @@ pub(crate) struct RowHead {
 }
 
 impl RowHead {
-    fn new(
-        weights: &WeightSet,
-        network: &Network,
-        name: &str,
-        cout: usize,
-    ) -> Result<RowHead, ModelError> {
-        let folded = Folded::head(weights, network, name, cout)?;
-        let weights = Weights::pack(1, folded.cin, folded.cout, &folded.weights);
-        Ok(RowHead {
-            weights,
-            bias: folded.bias,
-        })
-    }
-
     /// `output`: one row of the head's channels for each row number in `which`.
     pub(crate) fn run(&self, rows: &[f32], which: &Gather, output: &mut Vec<f32>) {
         // Every value is overwritten.
@@ -52,7 +37,13 @@ impl RowHeads {
     pub(crate) fn new(weights: &WeightSet, network: &Network) -> Result<RowHeads, ModelError> {
         let has = |name: &str| network.heads().iter().any(|(other, _)| *other == name);
         let (anchors, classes) = (network.anchors(), network.classes);
-        let head = |name: &str, cout: usize| RowHead::new(weights, network, name, cout);
+        let head = |name: &str, cout: usize| {
+            let folded = Folded::head(weights, network, name, cout)?;
+            Ok::<_, ModelError>(RowHead {
+                weights: Weights::pack(1, folded.cin, folded.cout, &folded.weights),
+                bias: folded.bias,
+            })
+        };
         let where_there = |name: &str, cout: usize| has(name).then(|| head(name, cout)).transpose();
         let presence = match network.head {
             HeadKind::Sigmoid => head("head.class", anchors * classes)?,

@@ -61,14 +61,11 @@ impl Anchors {
 
     /// The `anchor`-th anchor of cell `cell` (row * columns + column).
     pub fn anchor(&self, cell: usize, anchor: usize) -> Box3 {
-        let (size_m, z) = self.classes[Anchors::class(anchor)];
+        let ([l, w, h], z) = self.classes[Anchors::class(anchor)];
         let at = [cell % self.columns, cell / self.columns];
         let [x, y] = [0, 1].map(|i| self.origin_m[i] + at[i] as f64 * self.step_m[i]);
-        Box3 {
-            center_m: [x, y, z],
-            size_m,
-            yaw_rad: ANCHOR_YAWS_RAD[anchor % ANCHOR_YAWS_RAD.len()],
-        }
+        let yaw_rad = ANCHOR_YAWS_RAD[anchor % ANCHOR_YAWS_RAD.len()];
+        Box3::new([x, y, z, l, w, h, yaw_rad])
     }
 }
 

@@ -26,15 +26,10 @@ pub fn threshold_of(gate: GateKind, thresholds: &Thresholds) -> f32 {
 /// The gate that a model's candidates are told by, where several could: that of the probability of the unknown, of the
 /// EDS, of the largest class probability. `is_open`: the head has a logit of the unknown.
 pub fn main_gate(is_open: bool, thresholds: &Thresholds) -> GateKind {
-    if is_open && thresholds.unknown_min > 0.0 {
-        GateKind::UnknownProbability
-    } else if thresholds.eds_normalised_max > 0.0 {
-        GateKind::Eds
-    } else if thresholds.softmax_min > 0.0 {
-        GateKind::SoftmaxMax
-    } else {
-        GateKind::None
-    }
+    let first = is_open.then_some(GateKind::UnknownProbability).into_iter();
+    let mut gates = first.chain([GateKind::Eds, GateKind::SoftmaxMax]);
+    let main = gates.find(|gate| threshold_of(*gate, thresholds) > 0.0);
+    main.unwrap_or(GateKind::None)
 }
 
 /// By every threshold of a model: e is too small, or the largest class probability (the naive gate of a softmax). Where

@@ -7,7 +7,6 @@ use mluc_model::{HeadKind, Manifest};
 use crate::candidates::Candidate;
 use crate::decode::{Anchors, BOX_CODES};
 
-/// Of one frame.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory {
     pub(crate) every_row: Gather,

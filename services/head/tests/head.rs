@@ -42,12 +42,13 @@ fn quiet_row(manifest: &Manifest, anchors: usize) -> Vec<f32> {
     row
 }
 
-/// Makes an anchor of a metric head's row claim `found`.
+/// Makes an anchor of a row with an embedding of 3 claim `found`.
 fn claim(row: &mut [f32], at: &Anchors, [cell, anchor]: [usize; 2], found: &Box3, logit: f32) {
     row[anchor] = logit;
+    let codes = at.per_cell() + 3;
     let code = encode(found, &at.anchor(cell, anchor));
-    row[9 + anchor * 7..][..7].copy_from_slice(&code.map(|value| value as f32));
-    row[51 + anchor * 2 + direction_bin(found.yaw_rad)] = 5.0;
+    row[codes + anchor * 7..][..7].copy_from_slice(&code.map(|value| value as f32));
+    row[codes + at.per_cell() * 7 + anchor * 2 + direction_bin(found.yaw_rad)] = 5.0;
 }
 
 fn detect(
@@ -231,11 +232,9 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     let mut row = quiet_row(&manifest, 10);
     // The car's first anchor and two of sizes without a class claim the same place; the last one is the surest.
     for (anchor, logit) in [(0, 1.0), (7, 1.5), (8, 2.0)] {
-        row[anchor] = logit;
-        let at = anchors.anchor(cell, anchor);
-        let found = Box3::new([at.center_m[0], at.center_m[1], -1.0, 3.0, 1.4, 1.9, 0.2]);
-        let code = encode(&found, &at).map(|value| value as f32);
-        row[13 + anchor * 7..][..7].copy_from_slice(&code);
+        let [x, y, _] = anchors.anchor(cell, anchor).center_m;
+        let found = Box3::new([x, y, -1.0, 3.0, 1.4, 1.9, 0.2]);
+        claim(&mut row, &anchors, [cell, anchor], &found, logit);
     }
     let mut with_unknown = |logit: f32| {
         row[103] = logit;

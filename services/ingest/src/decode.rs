@@ -86,13 +86,7 @@ fn decode_with(
 
 fn point(bytes: &[u8; POINT_BYTES]) -> Point {
     let (numbers, _) = bytes.as_chunks();
-    let [x_m, y_m, z_m, intensity] = std::array::from_fn(|i| f32::from_le_bytes(numbers[i]));
-    Point {
-        x_m,
-        y_m,
-        z_m,
-        intensity,
-    }
+    bytemuck::cast::<[f32; 4], Point>(std::array::from_fn(|i| f32::from_le_bytes(numbers[i])))
 }
 
 #[cfg(test)]

@@ -353,8 +353,7 @@ impl Guard {
         }
         self.count_equal(points);
         self.scans += 1;
-        let is_frozen = |reason: &Reason| matches!(reason, Reason::Frozen(_));
-        self.reasons.retain(|reason| !is_frozen(reason));
+        self.reasons.retain(|r| !matches!(r, Reason::Frozen(_)));
         if self.equal_scans + 1 >= FROZEN_MIN {
             self.reasons.push(Reason::Frozen(self.equal_scans + 1));
         }
@@ -420,12 +419,8 @@ mod tests {
         let point = |number: usize| {
             let angle = (number % 900) as f32 * 0.4_f32.to_radians() + shift;
             let range_m = 3.0 + (number / 900) as f32 * 1.5;
-            Point {
-                x_m: range_m * angle.cos(),
-                y_m: range_m * angle.sin(),
-                z_m: -height_m,
-                intensity: 0.5,
-            }
+            let (sin, cos) = angle.sin_cos();
+            bytemuck::cast::<[f32; 4], Point>([range_m * cos, range_m * sin, -height_m, 0.5])
         };
         (0..900 * 40).map(point).collect()
     }

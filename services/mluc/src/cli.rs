@@ -56,36 +56,36 @@ pub(crate) enum Command {
     },
     /// Say how the stages of a running pipeline are.
     Status {
-        /// Which pipeline.
-        #[arg(long, default_value = "default")]
-        instance: String,
+        /// Which pipeline [default: MLUC_INSTANCE, else default].
+        #[arg(long)]
+        instance: Option<String>,
         /// One JSON object on stdout.
         #[arg(long)]
         json: bool,
     },
     /// Show once a second how a running pipeline is: state, rates, latency by stage, drops, complaints.
     Top {
-        /// Which pipeline.
-        #[arg(long, default_value = "default")]
-        instance: String,
+        /// Which pipeline [default: MLUC_INSTANCE, else default].
+        #[arg(long)]
+        instance: Option<String>,
         /// One page, after a second of listening.
         #[arg(long)]
         once: bool,
     },
     /// Tell over HTTP how a running pipeline is: /healthz, /readyz, /metrics (Prometheus), /status.json.
     Monitor {
-        /// Which pipeline; it may be started later.
-        #[arg(long, default_value = "default")]
-        instance: String,
+        /// Which pipeline; it may be started later [default: MLUC_INSTANCE, else default].
+        #[arg(long)]
+        instance: Option<String>,
         /// 127.0.0.1:PORT or [::1]:PORT.
         #[arg(long, value_parser = loopback)]
         listen: SocketAddr,
     },
     /// Have a running pipeline read its configuration file again: thresholds, operating profile and model.
     Reload {
-        /// Which pipeline.
-        #[arg(long, default_value = "default")]
-        instance: String,
+        /// Which pipeline [default: MLUC_INSTANCE, else default].
+        #[arg(long)]
+        instance: Option<String>,
     },
     /// Show points and objects of a running pipeline in a browser. Needs the program mluc-view.
     View(ExternalArgs),
@@ -157,7 +157,7 @@ pub(crate) struct PipelineArgs {
     /// End after so many seconds of input.
     #[arg(long, help_heading = INPUT)]
     pub(crate) seconds: Option<f64>,
-    /// Name of this pipeline: two with different names run side by side [default: default].
+    /// Name of this pipeline: two with different names run side by side [default: MLUC_INSTANCE, else default].
     #[arg(long)]
     pub(crate) instance: Option<String>,
     /// Configuration file (TOML).

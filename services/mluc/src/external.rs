@@ -5,6 +5,7 @@ use std::{ffi::OsString, io::ErrorKind, os::unix::process::CommandExt, path::Pat
 
 use anyhow::{Context, bail};
 use clap::Args;
+use mluc_runtime::{LOG_FORMAT_VARIABLE, log_format};
 
 /// Arguments that are passed on as they are, `--help` too.
 #[derive(Args, Clone, Debug)]
@@ -22,13 +23,32 @@ pub fn installed_program(name: &str) -> PathBuf {
     beside.unwrap_or_else(|| PathBuf::from(name))
 }
 
+/// This program's file; where that was removed or replaced since the start, what runs.
+pub(crate) fn own_program() -> PathBuf {
+    let path = std::env::current_exe().ok().filter(|path| path.exists());
+    // By number: other processes start it too.
+    path.unwrap_or_else(|| format!("/proc/{}/exe", std::process::id()).into())
+}
+
 /// Becomes `program`, which lies beside this one or on PATH, with `first` and what stands behind the command's name. The
 /// cargo package that holds it has its name.
 pub(crate) fn external(program: &str, first: &[&str]) -> anyhow::Result<ExitCode> {
-    // As they came: clap would leave out the first `--`. Only returns when it fails.
+    // As they came (clap would leave out the first `--`), but for the log's format, which is ours before a `--`.
+    let (mut own, mut format) = (Vec::<OsString>::new(), OsString::from(log_format()));
+    let mut words = std::env::args_os().skip(1);
+    while let Some(word) = words.next() {
+        let text = word.to_str().filter(|_| !own.contains(&"--".into()));
+        match text.and_then(|text| text.strip_prefix("--log-format")) {
+            Some("") => format = words.next().unwrap_or_default(),
+            Some(value) if value.starts_with('=') => format = OsString::from(&value[1..]),
+            _ => own.push(word),
+        }
+    }
+    // Only returns when it fails.
     let error = Command::new(installed_program(program))
         .args(first)
-        .args(std::env::args_os().skip(2))
+        .args(own.iter().skip(1))
+        .env(LOG_FORMAT_VARIABLE, format)
         .exec();
     if error.kind() == ErrorKind::NotFound {
         let own = std::env::current_exe().unwrap_or_default();

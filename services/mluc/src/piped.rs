@@ -1,6 +1,6 @@
 //! `--input -`: one file of scans from standard input, on the disk for as long as somebody runs on it.
 
-use std::fs::{DirBuilder, File, remove_dir_all};
+use std::fs::{DirBuilder, File, read_dir, remove_dir_all};
 use std::io::{IsTerminal, Read, copy, stdin};
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
@@ -38,11 +38,24 @@ impl Piped {
             let text = "input -: expected a file on standard input, found a terminal";
             return Err(UsageError(text.into()).into());
         }
-        let folder = std::env::temp_dir().join(format!("mluc-stdin-{}", std::process::id()));
+        let (place, stem) = (std::env::temp_dir(), "mluc-stdin-");
+        // What others left: a signal while standard input is read ends a process at once, and its lock.
+        for entry in read_dir(&place).into_iter().flatten().flatten() {
+            let (name, path) = (entry.file_name(), entry.path());
+            let is_ours = name.to_string_lossy().starts_with(stem) && path.is_dir();
+            if is_ours && File::open(&path).is_ok_and(|left| left.try_lock().is_ok()) {
+                let _ = remove_dir_all(path);
+            }
+        }
+        let folder = place.join(format!("{stem}{}", std::process::id()));
         let about = || format!("input -: {}", folder.display());
         let made = DirBuilder::new().mode(0o700).create(&folder);
         made.with_context(about)?;
         let piped = Piped(folder.clone());
+        let lock = File::open(&folder).with_context(about)?;
+        let _ = lock.try_lock();
+        // Locked until this process ends.
+        std::mem::forget(lock);
         let mut head = Vec::new();
         let read = stdin().take(16).read_to_end(&mut head);
         read.with_context(about)?;

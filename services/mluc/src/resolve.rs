@@ -34,7 +34,7 @@ impl Resolved {
             layers.push((format!("file {}", path.display()), file_layer(path)?));
         }
         let variable = Instance::VARIABLE;
-        if let Ok(name) = std::env::var(variable) {
+        if let Some(name) = std::env::var(variable).ok().filter(|name| !name.is_empty()) {
             let table = Table::from_iter([("instance".to_string(), Value::String(name))]);
             layers.push((format!("environment {variable}"), table));
         }

@@ -61,14 +61,6 @@ fn a_closed_standard_output_is_an_error() {
 }
 
 #[test]
-fn doctor_warns_without_a_failure() {
-    let output = mluc(&["doctor"]);
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    let failed = text.contains("FAILURE");
-    assert_eq!(output.status.code(), Some(i32::from(failed)), "{text}");
-}
-
-#[test]
 fn doctor_finds_few_open_files_and_segments_without_an_instance() {
     let (user, process) = (rustix::process::geteuid().as_raw(), std::process::id());
     let lost = format!("/dev/shm/mluc-{user}-lost-{process}.1.data");
@@ -79,6 +71,8 @@ fn doctor_finds_few_open_files_and_segments_without_an_instance() {
     std::fs::remove_file(&lost).expect("still there");
     let output = output.expect("a shell");
     let text = String::from_utf8_lossy(&output.stdout);
+    let has_failed = text.contains("FAILURE");
+    assert_eq!(output.status.code(), Some(i32::from(has_failed)), "{text}");
     let has = |words: &str| {
         let mut lines = text.lines();
         lines.any(|line| line.starts_with("warning") && line.contains(words))
@@ -100,4 +94,17 @@ fn a_stage_whose_supervisor_is_gone_does_not_start() {
     let output = mluc(&["stage", "head", "--supervised-by=1", "--instance=gone"]);
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     assert!(said(&output).contains("the supervisor (process 1) is gone"));
+}
+
+#[test]
+fn nothing_stays_of_a_standard_input() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // What a process left that was killed.
+    std::fs::create_dir(folder.path().join("mluc-stdin-1")).expect("a folder");
+    let mut doctor = Command::new(env!("CARGO_BIN_EXE_mluc"));
+    doctor.args(["doctor", "--input", "-"]);
+    let output = doctor.env("TMPDIR", folder.path()).output();
+    let output = output.expect("mluc starts");
+    assert!(said(&output).contains("found nothing"), "{}", said(&output));
+    assert_eq!(folder.path().read_dir().expect("a folder").count(), 0);
 }

@@ -100,7 +100,7 @@ impl Clusterer for ScanClusterer {
 
     fn match_cluster(&mut self, task: &mut FrameTask, proposal: &mut Proposal) -> bool {
         let matched = self.matcher.find(&self.finder, &proposal.shape);
-        let reach_m = matched.map_or(reach_m(&proposal.shape), |matched| matched.distance_m);
+        let reach_m = matched.map_or(reach_m(&proposal.shape), |(_, distance_m)| distance_m);
         if let Some((by, distance_m)) = nearest_known(task.known, &proposal.shape)
             && reach_m > NEAR_M
             && (distance_m <= NEAR_M || distance_m < reach_m)
@@ -110,7 +110,7 @@ impl Clusterer for ScanClusterer {
             return false;
         }
         match matched {
-            Some(matched) => self.matched = matched.cluster,
+            Some((cluster, _)) => self.matched = cluster,
             None => proposal.disposition = Disposition::TooFewPoints,
         }
         matched.is_some()

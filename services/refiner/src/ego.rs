@@ -7,6 +7,7 @@
 use mluc_geometry::ground::tiles::{NO_TILE, TILES, tile_of, tile_rows};
 use mluc_ipc_types::{EgoPose, FrameHeader};
 use nalgebra::{Isometry2, Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
+use smart_default::SmartDefault;
 
 use crate::FrameIndex;
 
@@ -50,11 +51,14 @@ struct Taken {
 }
 
 /// Estimates the sensor's pose scan after scan; buffers are made once.
-#[derive(Debug)]
+#[derive(Debug, SmartDefault)]
 pub struct EgoEstimator {
     /// Of the scan in hand and of the earlier one, with the place of each tile there.
+    #[default(Vec::with_capacity(TILES_MAX))]
     now: Vec<Upright>,
+    #[default(Vec::with_capacity(TILES_MAX))]
     earlier: Vec<Upright>,
+    #[default(vec![NO_TILE; TILES])]
     place: Vec<u32>,
     earlier_taken: Option<Taken>,
     last: Option<Taken>,
@@ -62,20 +66,6 @@ pub struct EgoEstimator {
     step: Option<Isometry2<f64>>,
     /// The last scan did not match.
     has_missed: bool,
-}
-
-impl Default for EgoEstimator {
-    fn default() -> EgoEstimator {
-        EgoEstimator {
-            now: Vec::with_capacity(TILES_MAX),
-            earlier: Vec::with_capacity(TILES_MAX),
-            place: vec![NO_TILE; TILES],
-            earlier_taken: None,
-            last: None,
-            step: None,
-            has_missed: false,
-        }
-    }
 }
 
 impl EgoEstimator {
@@ -95,44 +85,35 @@ impl EgoEstimator {
             return gap.and(self.step).map(|step| told(&after(&step)));
         };
         find_upright(scan, &mut self.now);
-        let found = match (known, gap, self.earlier_taken) {
-            (Some(last), Some(gap), Some(earlier)) => self
-                .matched(&earlier, after)
-                .map(|pose| (last, gap as f64, earlier, pose)),
-            _ => None,
-        };
-        let Some((last, gap, earlier, pose)) = found else {
-            let mut taken = Taken {
-                run,
-                sequence,
-                pose: Isometry2::identity(),
-            };
-            let is_second = std::mem::replace(&mut self.has_missed, true);
-            if let (Some(step), false) = (gap.and(self.step), is_second) {
-                taken.pose = after(&step);
-                self.last = Some(taken);
-                return Some(told(&taken.pose));
-            }
-            self.step = None;
-            self.begin(taken);
-            return None;
-        };
-        self.has_missed = false;
-        self.step =
-            Some(Isometry2::identity().lerp_slerp(&(last.pose.inverse() * pose), 1.0 / gap));
-        let taken = Taken {
+        let taken = |pose| Taken {
             run,
             sequence,
             pose,
         };
-        self.last = Some(taken);
-        let away = earlier.pose.inverse() * pose;
-        let away = [away.translation.vector.norm(), away.rotation.angle().abs()];
-        let is_old = sequence - earlier.sequence > KEPT_SCANS;
-        if is_old || away[0] > KEPT_WITHIN[0] || away[1] > KEPT_WITHIN[1] {
-            self.begin(taken);
+        if let (Some(last), Some(gap), Some(earlier)) = (known, gap, self.earlier_taken)
+            && let Some(pose) = self.matched(&earlier, after)
+        {
+            self.has_missed = false;
+            let moved = last.pose.inverse() * pose;
+            self.step = Some(Isometry2::identity().lerp_slerp(&moved, 1.0 / gap as f64));
+            self.last = Some(taken(pose));
+            let away = earlier.pose.inverse() * pose;
+            let away = [away.translation.vector.norm(), away.rotation.angle().abs()];
+            let is_old = sequence - earlier.sequence > KEPT_SCANS;
+            if is_old || away[0] > KEPT_WITHIN[0] || away[1] > KEPT_WITHIN[1] {
+                self.begin(taken(pose));
+            }
+            return Some(told(&pose));
         }
-        Some(told(&pose))
+        let is_second = std::mem::replace(&mut self.has_missed, true);
+        if let (Some(step), false) = (gap.and(self.step), is_second) {
+            let pose = after(&step);
+            self.last = Some(taken(pose));
+            return Some(told(&pose));
+        }
+        self.step = None;
+        self.begin(taken(Isometry2::identity()));
+        None
     }
 
     /// The pose of the scan in hand, from where the last step, or one of the first ones, leads to.
@@ -189,11 +170,9 @@ impl EgoEstimator {
                 let weight = (-0.5 * off.dot(&(information * off))).exp();
                 let moved = Matrix2x3::new(1.0, 0.0, -arm.y, 0.0, 1.0, arm.x);
                 let weighted = moved.transpose() * information * weight;
-                (weights, curvature, slope) = (
-                    weights + weight,
-                    curvature + weighted * moved,
-                    slope + weighted * off,
-                );
+                weights += weight;
+                curvature += weighted * moved;
+                slope += weighted * off;
             }
             agreement = weights / self.now.len().div_ceil(stride).max(1) as f64;
             at += curvature
@@ -302,27 +281,21 @@ mod tests {
             if let (Some(found), 1..) = (found, sequence) {
                 let found = found.expect("a match");
                 let [x, y, _] = found.position_m;
-                let off =
-                    vector(&(pose.inverse() * Isometry2::new(Vector2::new(x, y), found.yaw_rad)));
-                assert!(
-                    off.xy().norm() < 0.1 && off.z.abs() < 0.005,
-                    "{sequence}: {off}"
-                );
+                let found_pose = Isometry2::new(Vector2::new(x, y), found.yaw_rad);
+                let off = vector(&(pose.inverse() * found_pose));
+                let is_close = off.xy().norm() < 0.1 && off.z.abs() < 0.005;
+                assert!(is_close, "{sequence}: {off}");
                 let again = estimator.estimate(&header(7, sequence), Some(&scan));
                 assert!(sequence == 9 || again == Some(found), "sent again");
             }
             pose *= step;
         }
         let (scan, empty) = (seen_from(&pose), sorted(&[]));
-        assert!(
-            estimator.estimate(&header(7, 30), Some(&empty)).is_some(),
-            "the motion goes on"
-        );
         let mut is_told = |run, sequence, scan| {
-            estimator
-                .estimate(&header(run, sequence), Some(scan))
-                .is_some()
+            let found = estimator.estimate(&header(run, sequence), Some(scan));
+            found.is_some()
         };
+        assert!(is_told(7, 30, &empty), "the motion goes on");
         assert!(is_told(7, 31, &scan), "the scans before are still there");
         let twice = [32, 33].map(|sequence| is_told(7, sequence, &empty));
         assert_eq!(twice, [true, false], "twice is once too often");

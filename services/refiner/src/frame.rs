@@ -6,6 +6,7 @@ use mluc_geometry::ground::tiles::{NO_TILE, TILES, tile_of, tile_rows};
 use mluc_geometry::ground::{GROUND_HALF_M, lower_point};
 use mluc_ipc_types::{POINTS_MAX, Point};
 use mluc_kernels::at_best;
+use smart_default::SmartDefault;
 
 use crate::fit::lower;
 
@@ -20,29 +21,20 @@ pub struct IndexedPoint {
 }
 
 /// The points of a scan, by tile.
-#[derive(Debug)]
+#[derive(Debug, SmartDefault)]
 pub struct FrameIndex {
     /// First slot of each tile, and one past the last.
+    #[default(vec![0; TILES + 1])]
     tile_first: Vec<u32>,
     /// Of each point of the scan.
+    #[default(Vec::with_capacity(POINTS_MAX))]
     tiles: Vec<u32>,
+    #[default(Vec::with_capacity(POINTS_MAX))]
     slots: Vec<IndexedPoint>,
     /// Points with NaN or infinity.
     pub not_finite: u32,
     /// Points beyond the square, and points beyond the contract's limit.
     pub outside: u32,
-}
-
-impl Default for FrameIndex {
-    fn default() -> FrameIndex {
-        FrameIndex {
-            tile_first: vec![0; TILES + 1],
-            tiles: Vec::with_capacity(POINTS_MAX),
-            slots: Vec::with_capacity(POINTS_MAX),
-            not_finite: 0,
-            outside: 0,
-        }
-    }
 }
 
 impl FrameIndex {

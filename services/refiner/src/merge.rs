@@ -39,7 +39,7 @@ pub(crate) fn merge(
             best_first(order, proposals, |d| f64::from(d.score));
             suppress(proposals, order, intersection_over_min_area, OVERLAP_MAX);
         }
-        // The proposals stay as they are.
+        // The boxes are proposals: no unknown object suppresses another.
         Variant::None => {}
     }
 }

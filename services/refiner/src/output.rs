@@ -2,6 +2,7 @@
 
 use crate::clusters::Measures;
 use mluc_ipc_types::{Disposition, Flags, OBJECT_POINTS_MAX, OBJECTS_MAX, Object};
+use smart_default::SmartDefault;
 
 /// Counts of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,30 +39,22 @@ impl Counters {
 }
 
 /// The objects of one frame; buffers are reused from frame to frame.
-#[derive(Debug)]
+#[derive(Debug, SmartDefault)]
 pub struct RefinerOutput {
     /// One for each detection, in their order, then the second readings.
+    #[default(Vec::with_capacity(OBJECTS_MAX))]
     pub objects: Vec<Object>,
     /// Of each second reading, in their order, the index of its first; empty where both are published.
+    #[default(Vec::with_capacity(OBJECTS_MAX))]
     pub second_of: Vec<usize>,
     /// Of the cluster of each object, where it has one that was measured.
+    #[default(Vec::with_capacity(OBJECTS_MAX))]
     pub measures: Vec<Option<Measures>>,
     /// Indices into the scan; each object has a range of them.
+    #[default(Vec::with_capacity(OBJECT_POINTS_MAX))]
     pub object_points: Vec<u32>,
     /// Counts.
     pub counters: Counters,
-}
-
-impl Default for RefinerOutput {
-    fn default() -> RefinerOutput {
-        RefinerOutput {
-            objects: Vec::with_capacity(OBJECTS_MAX),
-            second_of: Vec::with_capacity(OBJECTS_MAX),
-            measures: Vec::with_capacity(OBJECTS_MAX),
-            object_points: Vec::with_capacity(OBJECT_POINTS_MAX),
-            counters: Counters::default(),
-        }
-    }
 }
 
 impl RefinerOutput {
@@ -73,10 +66,10 @@ impl RefinerOutput {
         for (index, &first) in seconds.zip(&self.second_of) {
             let own = self.objects[first];
             let is_covered = own.disposition == OverlapsUnknown as u32;
-            let by = if is_covered {
-                own.suppressed_by
+            let (by, overlap) = if is_covered {
+                (own.suppressed_by, own.overlap)
             } else {
-                first as u32
+                (first as u32, 1.0)
             };
             let best = self.objects[by as usize];
             let second = &mut self.objects[index];
@@ -84,7 +77,6 @@ impl RefinerOutput {
             if !second.is_published() || weak.contains(&best.disposition) {
                 continue;
             }
-            let overlap = if is_covered { own.overlap } else { 1.0 };
             (second.disposition, second.suppressed_by, second.overlap) = if best.is_published() {
                 (OverlapsUnknown as u32, by, overlap)
             } else {

@@ -4,14 +4,11 @@
 //! sizes of road users were guessed before any measurement; all others were tuned on simulated validation scans of sim-udi and
 //! sim-kitti, which show cars, vans, trucks, golf carts and forklifts (docs/refiner.md).
 
-use crate::size::SizeLimits;
-
-/// A cluster larger than this (a large van) is divided by shorter reaches, unless it is as high as a truck.
-pub(crate) const WHOLE: SizeLimits = SizeLimits {
-    low_m: [7.0, 2.8, 4.0],
-    tall_from_m: 2.0,
-    tall_m: [14.0, 3.5, 4.5],
-};
+/// A cluster larger than this (l, w, h, m: a large van) is divided by shorter reaches: two parked cars are longer than one, and as low.
+pub(crate) const LOW_M: [f64; 3] = [7.0, 2.8, 4.0];
+/// One this high, m, is divided beyond the size of trucks and buses instead.
+pub(crate) const TALL_FROM_M: f64 = 2.0;
+pub(crate) const TALL_M: [f64; 3] = [14.0, 3.5, 4.5];
 /// A cluster longer than this is cut, m: a truck with its trailer is below.
 pub(crate) const LENGTH_MAX_M: f64 = 16.0;
 /// Within this size (l, w, h, m) a cluster is taken apart only when all its parts stand upright: the mast of a forklift
@@ -51,8 +48,8 @@ pub(crate) const END_ASIDE_MAX_RAD: f64 = std::f64::consts::FRAC_PI_6;
 /// The upper third of an end is at least this share of its width wide: a cyclist seen from the side is narrow above.
 pub(crate) const END_TOP_SHARE_MIN: f64 = 0.6;
 
-/// What goes on above the sensor's topmost beam is at least so long and so high as it is seen, m: a truck, not a car close by.
-pub(crate) const CUT_TOP_SEEN_MIN_M: [f64; 2] = [3.0, 2.0];
+/// What goes on above the sensor's topmost beam is at least so long, completed away from the sensor, and as it is seen so high, m: a truck, not a car close by.
+pub(crate) const CUT_TOP_MIN_M: [f64; 2] = [3.0, 2.0];
 /// Its height above the ground is at least this, m.
 pub(crate) const CUT_TOP_HEIGHT_M: f64 = 3.2;
 

@@ -180,7 +180,7 @@ impl Refiner {
     fn read_proposals(&mut self, detections: &[Detection]) {
         self.proposals.clear();
         self.points.clear();
-        let mut counters = Counters {
+        self.counters = Counters {
             detections_dropped: detections.len().saturating_sub(DETECTIONS_MAX) as u32,
             ..Counters::default()
         };
@@ -191,7 +191,7 @@ impl Refiner {
                     Proposal::of_detection(index, detection, shape, score)
                 }
                 None => {
-                    counters.invalid_detections += 1;
+                    self.counters.invalid_detections += 1;
                     Proposal::invalid(index, detection)
                 }
             };
@@ -206,7 +206,6 @@ impl Refiner {
                 }
             }
         }
-        self.counters = counters;
     }
 
     /// Lists the points in the boxes of known objects; where the variant keeps them apart, those in and around known objects with a high score are theirs.

@@ -6,6 +6,7 @@ use std::fmt::Display;
 
 use mluc_model::ScoreMin;
 use serde::{Deserialize, Serialize};
+use smart_default::SmartDefault;
 
 use crate::Sensor;
 
@@ -81,25 +82,32 @@ impl Variant {
 }
 
 /// What a user sets. Join distance: `join_m` + `join_per_range` x range, at most `join_max_m`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, SmartDefault)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
     /// How an unknown object's points are found: `paper`, `paper-corrected`, `range-scaled` or `none`.
     pub variant: Variant,
     /// Time that a frame may take where the sensor sets the pace, ms, above 0 to 10,000. Candidates that are left keep their
     /// proposal box, counted and flagged. Three tenths of a 10 Hz sensor's period: ordinary frames stay far below it.
+    #[default(30.0)]
     pub time_max_ms: f64,
     /// Fewer points make no cluster, 1 to 10,000. (`paper` has no such rule.)
+    #[default(8)]
     pub points_min: u32,
     /// Points lower than this above the ground belong to it, m, above 0 to 100. 0.1 to 0.2 measure alike on simulated scans.
+    #[default(0.15)]
     pub ground_clearance_m: f64,
     /// Points higher than this above the ground hang over the road, m, above 0 to 100: branches, bridges, signs.
+    #[default(4.5)]
     pub height_max_m: f64,
     /// Join distance at the sensor, m, above 0 to 100. Tuned on simulated validation scans, as the next two.
+    #[default(0.4)]
     pub join_m: f64,
     /// Join distance, m per m of range, 0 to 1: the gap between beams and columns grows with range. For 64 beams.
+    #[default(0.0175)]
     pub join_per_range: f64,
     /// Longest join distance, m, above 0 to 100.
+    #[default(1.2)]
     pub join_max_m: f64,
     /// What the robot may drive over; in a file `[robot]`, a table of its own.
     #[serde(skip)]
@@ -131,24 +139,6 @@ pub struct Study {
     pub ranks_sizes: Option<bool>,
 }
 
-impl Default for Settings {
-    fn default() -> Settings {
-        Settings {
-            variant: Variant::default(),
-            time_max_ms: 30.0,
-            points_min: 8,
-            ground_clearance_m: 0.15,
-            height_max_m: 4.5,
-            join_m: 0.4,
-            join_per_range: 0.0175,
-            join_max_m: 1.2,
-            robot: RobotSettings::default(),
-            score_min: ScoreMin::default(),
-            study: Study::default(),
-        }
-    }
-}
-
 impl Settings {
     /// Refuses what makes no sense, by name.
     pub fn check(&self) -> Result<(), RefinerError> {
@@ -172,11 +162,6 @@ impl Settings {
             from_0("robot.width_min_m", self.robot.width_min_m),
         ];
         RefinerError::unless_all(rules)
-    }
-
-    /// The join distance at a range, m.
-    pub fn join_distance_m(&self, range_m: f64) -> f64 {
-        (self.join_m + self.join_per_range * range_m).min(self.join_max_m)
     }
 
     /// Whether unknown objects have a score of our own, not the paper's.

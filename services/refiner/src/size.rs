@@ -3,29 +3,18 @@
 use std::sync::LazyLock;
 
 use crate::fit::ClusterPoints;
+use crate::priors::{LOW_M, TALL_FROM_M, TALL_M};
 
-/// How large one thing can be: l, w, h, m.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct SizeLimits {
-    /// Of what is lower than `tall_from_m`: two parked cars are longer than one, and as low.
-    pub(crate) low_m: [f64; 3],
-    /// m.
-    pub(crate) tall_from_m: f64,
-    /// Of what is higher: trucks and buses.
-    pub(crate) tall_m: [f64; 3],
+/// Whether a cluster is no larger than one thing can be.
+pub(crate) fn is_whole(cluster: &ClusterPoints) -> bool {
+    let is_tall = height_m(cluster) >= TALL_FROM_M;
+    is_within(cluster, if is_tall { TALL_M } else { LOW_M })
 }
 
-impl SizeLimits {
-    pub(crate) fn hold(&self, cluster: &ClusterPoints) -> bool {
-        let is_tall = height_m(cluster) >= self.tall_from_m;
-        is_within(cluster, if is_tall { self.tall_m } else { self.low_m })
-    }
-
-    /// Nothing longer than this along any direction is within, m.
-    pub(crate) fn diagonal_m(&self) -> f64 {
-        let diagonal = |[l, w, _]: [f64; 3]| l.hypot(w);
-        diagonal(self.low_m).max(diagonal(self.tall_m))
-    }
+/// Nothing longer than this along any direction is whole, m.
+pub(crate) fn whole_diagonal_m() -> f64 {
+    let diagonal = |[l, w, _]: [f64; 3]| l.hypot(w);
+    diagonal(LOW_M).max(diagonal(TALL_M))
 }
 
 /// Whether a cluster is higher than it is long: a person, a pole. Parts of a vehicle that a short reach tears off are

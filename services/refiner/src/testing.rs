@@ -5,12 +5,7 @@ use mluc_ipc_types::Point;
 use crate::FrameIndex;
 
 pub(crate) fn point([x_m, y_m, z_m]: [f32; 3]) -> Point {
-    Point {
-        x_m,
-        y_m,
-        z_m,
-        intensity: 0.0,
-    }
+    bytemuck::cast([x_m, y_m, z_m, 0.0])
 }
 
 /// A simulated scan that is packed with zstd.

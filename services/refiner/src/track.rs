@@ -8,6 +8,7 @@ use mluc_ipc_types::{
     Disposition, EgoPose, FrameHeader, OBJECTS_MAX, Object, ObjectKind, TrackNews,
 };
 use serde::{Deserialize, Serialize};
+use smart_default::SmartDefault;
 
 use crate::{RefinerError, RefinerOutput};
 
@@ -22,29 +23,22 @@ const MOVING: f64 = 2.0;
 const STILL: f64 = -0.5;
 
 /// Settings of the [`crate::Tracker`].
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, SmartDefault)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrackSettings {
     /// Farthest that an object's centre may be, seen from above, from where its track expects it, m. A golf cart at 15 km/h, whose speed is not known yet,
     /// moves 0.4 m in a frame at 10 Hz; the rest is how a box's centre wanders when other faces come into view.
+    #[default(1.5)]
     pub distance_max_m: f64,
     /// Frames that must have seen an object, among the last `window`, before it is published. The best so many say how likely it is.
+    #[default(5)]
     pub confirm_hits: u32,
     /// Frames that count, at most 32.
+    #[default(10)]
     pub window: u32,
     /// A track is confirmed from this probability on, 0 to 1; where the model tells no probabilities, by its hits alone.
+    #[default(0.4)]
     pub probability_min: f64,
-}
-
-impl Default for TrackSettings {
-    fn default() -> TrackSettings {
-        TrackSettings {
-            distance_max_m: 1.5,
-            confirm_hits: 5,
-            window: 10,
-            probability_min: 0.4,
-        }
-    }
 }
 
 impl TrackSettings {

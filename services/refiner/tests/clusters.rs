@@ -3,7 +3,7 @@
 mod common;
 
 use common::{point, scan, sensor, standing};
-use mluc_geometry::{Box3, iou_3d};
+use mluc_geometry::iou_3d;
 use mluc_ipc_types::{POINTS_MAX, Point};
 use mluc_refiner::{FrameClusterer, FrameClusters, Settings, clusters::NO_CLUSTER};
 
@@ -42,21 +42,16 @@ fn substantial(out: &FrameClusters) -> usize {
     many.count()
 }
 
-fn street() -> Vec<Box3> {
-    vec![
+#[test]
+fn every_object_of_a_street_is_one_cluster() {
+    let boxes = [
         standing(11.0, 4.0, [2.6, 1.25, 1.85], 1.1),
         standing(16.0, -6.0, [4.2, 1.8, 1.5], 0.3),
         standing(9.0, -1.5, [0.6, 0.6, 1.7], 0.0),
         standing(-12.0, 3.0, [4.1, 1.7, 1.5], 2.0),
         standing(-20.0, -8.0, [2.4, 1.1, 2.1], 0.9),
-    ]
-}
-
-#[test]
-fn every_object_of_a_street_is_one_cluster() {
-    let boxes = street();
-    let points = scan(&boxes);
-    let out = find(&points);
+    ];
+    let out = find(&scan(&boxes));
     assert_eq!(substantial(&out), boxes.len());
     for object in &boxes {
         let best = out.clusters.iter().map(|c| iou_3d(&c.shape, object));
@@ -66,11 +61,16 @@ fn every_object_of_a_street_is_one_cluster() {
 }
 
 #[test]
-fn people_beside_each_other_are_told_apart() {
-    let people = [(0.0, 1.75), (0.9, 1.7)];
+fn people_beside_each_other_are_told_apart_and_what_they_leave_is_too_few() {
+    // Placed so that no ray hits a side of them.
+    let people = [(0.0, 1.75), (0.87, 1.7)];
     let people = people.map(|(y, height)| standing(10.0, y, [0.5, 0.5, height], 0.0));
-    let out = find(&scan(&people));
+    let mut points = scan(&people);
+    // Within the join distance of one of them, beyond half of it.
+    points.extend([-1.0, -0.9, -0.8].map(|z| point([9.75, -0.65, z])));
+    let out = find(&points);
     assert_eq!(substantial(&out), 2);
+    assert!(out.cluster_of_point.ends_with(&[NO_CLUSTER; 3]));
 }
 
 #[test]

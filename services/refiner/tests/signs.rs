@@ -30,7 +30,7 @@ fn step(step_m: f64) -> (Neighbourhood, Vec<bool>) {
 fn shares(grower: &mut dyn Grower, step_m: f64) -> [f64; 2] {
     let (around, is_near) = step(step_m);
     let off = |i: &usize| around.y_m[*i].abs() + around.z_m[*i].abs();
-    let near = (0..around.len()).filter(|&i| is_near[i]);
+    let near = (0..is_near.len()).filter(|&i| is_near[i]);
     let seed = near.min_by(|a, b| off(a).total_cmp(&off(b)));
     let seed = seed.expect("a point");
     let mut members = Vec::new();

@@ -2,6 +2,7 @@
 
 use mluc_ipc_types::{Disposition, EgoPose, FrameHeader, Object, ObjectKind};
 use mluc_refiner::{RefinerOutput, TrackSettings, Tracker};
+use nalgebra::{Isometry2, Point2, Vector2};
 use proptest::prelude::*;
 
 fn object(kind: ObjectKind, x: f32, y: f32, score: f32) -> Object {
@@ -41,12 +42,11 @@ fn seen_at(sequences: &[u64], x_m: impl Fn(u64) -> f32) -> Vec<Object> {
 
 /// That confirms from the third sighting on.
 fn tracker() -> Tracker {
-    let (confirm_hits, default) = (3, TrackSettings::default());
-    Tracker::new(TrackSettings {
-        confirm_hits,
-        ..default
-    })
-    .unwrap()
+    let settings = TrackSettings {
+        confirm_hits: 3,
+        ..TrackSettings::default()
+    };
+    Tracker::new(settings).unwrap()
 }
 
 /// What becomes of one that is likely an object by a probability, in 14 frames at (20 + speed x time, 1); the sensor does not move.
@@ -135,6 +135,9 @@ fn misses_are_bridged_a_whole_window_is_not_and_a_run_that_begins_anew_forgets()
         (&[0, 1, 2][..], &[false, false, true][..]),
         (&[0, 4, 9], &[false, false, true]),
         (&[0, 1, 10], &[false, false, false]),
+        // Eight misses and nine.
+        (&[0, 1, 2, 11], &[false, false, true, true]),
+        (&[0, 1, 2, 12], &[false, false, true, false]),
         (&[5, 6, 7, 0, 1], &[false, false, true, false, false]),
     ] {
         let seen = seen_at(sequences, |_| 8.0);
@@ -146,25 +149,20 @@ fn misses_are_bridged_a_whole_window_is_not_and_a_run_that_begins_anew_forgets()
 #[test]
 fn with_ego_motion_what_stands_still_is_found_again_and_without_it_is_not() {
     // The sensor drives 3 m and turns 30 degrees between the second frame and the third; the object stands at (10, 4).
-    let (still, turned) = (([0.0; 2], 0.0), ([3.0, 0.0], std::f64::consts::FRAC_PI_6));
-    let poses = [still, still, turned];
-    let seen_from = |(at, yaw): ([f64; 2], f64)| {
-        let (dx, dy) = (10.0 - at[0], 4.0 - at[1]);
-        let (sin, cos) = yaw.sin_cos();
-        [dx * cos + dy * sin, -dx * sin + dy * cos].map(|v| v as f32)
-    };
+    let turned = Isometry2::new(Vector2::new(3.0, 0.0), std::f64::consts::FRAC_PI_6);
+    let poses = [Isometry2::identity(), Isometry2::identity(), turned];
     for is_known in [0, 1] {
         let mut tracker = tracker();
         let mut last = true;
         for (sequence, pose) in poses.into_iter().enumerate() {
-            let [x, y] = seen_from(pose);
+            let place = pose.inverse_transform_point(&Point2::new(10.0, 4.0));
             let ego = EgoPose {
-                position_m: [pose.0[0], pose.0[1], 0.0],
-                yaw_rad: pose.1,
+                position_m: [pose.translation.x, pose.translation.y, 0.0],
+                yaw_rad: pose.rotation.angle(),
                 is_known,
                 ..EgoPose::default()
             };
-            let unknown = object(ObjectKind::Unknown, x, y, 0.5);
+            let unknown = object(ObjectKind::Unknown, place.x as f32, place.y as f32, 0.5);
             let seen = update(&mut tracker, sequence as u64, &ego, &[unknown]);
             last = seen[0].is_published();
         }

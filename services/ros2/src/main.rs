@@ -24,9 +24,9 @@ enum Command {
     Doctor(DoctorArgs),
     /// Publish points, objects and states of a running pipeline until Ctrl-C. ROS_DOMAIN_ID is obeyed.
     Publish {
-        /// Which pipeline; it may be started later.
-        #[arg(long, default_value = "default", value_parser = Instance::new)]
-        instance: Instance,
+        /// Which pipeline; it may be started later [default: MLUC_INSTANCE, else default].
+        #[arg(long, value_parser = Instance::new)]
+        instance: Option<Instance>,
     },
 }
 
@@ -42,7 +42,7 @@ fn main() -> ExitCode {
         }
         Command::Publish { instance } => {
             log_to_stderr("publish", LOG);
-            publish::publish(&instance).map(|()| ExitCode::SUCCESS)
+            publish::publish(instance).map(|()| ExitCode::SUCCESS)
         }
     };
     exit_code("mluc-ros2", done)

@@ -15,7 +15,7 @@ const DEPTH: i32 = 5;
 /// gone is forgotten within 20 s.
 const BEHIND_MAX: [i32; 2] = [20, 1000];
 
-pub(crate) fn publish(instance: &Instance) -> anyhow::Result<()> {
+pub(crate) fn publish(instance: Option<Instance>) -> anyhow::Result<()> {
     let mut follower = Follower::open(instance)?;
     let participant = join()?;
     let publisher = participant.create_publisher(&QosPolicyBuilder::new().build())?;

@@ -45,7 +45,7 @@ pub use run::random_run_id;
 pub use scans::Scans;
 pub use shell::{Next, Shell};
 pub use signals::{Shutdown, reload_flag};
-pub use stage::{Algorithm, StageError, StageInput, finish, run_stage, stamp_published};
+pub use stage::{Algorithm, StageError, count_frame, finish, run_stage, stamp_published};
 pub use status::StatusWatch;
 
 /// iceoryx2 between processes.

@@ -77,7 +77,10 @@ impl Membership {
                 tracing::info!(count, "removed what an earlier run left in shared memory");
             }
             sweep::check_empty(instance)?;
-            write_contract(instance, role)?;
+            let contract = root.join(CONTRACT);
+            let pid = std::process::id();
+            let text = format!("wire={WIRE_VERSION} version={OUR_VERSION} by={role} pid={pid}\n");
+            fs::write(&contract, text).map_err(RuntimeError::io("writing", &contract))?;
         }
         let shared = flock(&lock, FlockOperation::NonBlockingLockShared).is_ok();
         Ok((shared && is_same_file(&lock, &path)).then_some(lock))
@@ -228,13 +231,6 @@ fn is_same_file(file: &File, path: &Path) -> bool {
     let id = |about: fs::Metadata| (about.ino(), about.dev());
     let ids = [file.metadata(), fs::metadata(path)].map(|about| about.map(id).ok());
     ids[0].is_some() && ids[0] == ids[1]
-}
-
-fn write_contract(instance: &Instance, role: &str) -> Result<()> {
-    let path = instance.root().join(CONTRACT);
-    let pid = std::process::id();
-    let text = format!("wire={WIRE_VERSION} version={OUR_VERSION} by={role} pid={pid}\n");
-    fs::write(&path, text).map_err(RuntimeError::io("writing", &path))
 }
 
 #[cfg(test)]

@@ -120,22 +120,19 @@ impl IpcNode {
         let service_name = service_name.map_err(|e| failed(format!("{e:?}")))?;
         let begun = Instant::now();
         loop {
-            let (error, hint) = match open(&service_name) {
+            let error = match open(&service_name) {
                 Ok(service) => return Ok(service),
-                Err(error) if is_lasting(&error) => (
-                    error,
-                    "another program or another mluc made it with other types or settings; stop that one, or choose \
-                     another --instance",
-                ),
-                Err(error) if begun.elapsed() > OPEN_PATIENCE => (
-                    error,
-                    "a process was killed while it made this topic; stop all processes of the instance, the next start \
-                     removes the rest",
-                ),
-                Err(_) => {
-                    std::thread::sleep(Duration::from_millis(20));
-                    continue;
-                }
+                Err(error) => error,
+            };
+            let hint = if is_lasting(&error) {
+                "another program or another mluc made it with other types or settings; stop that one, or choose another \
+                 --instance"
+            } else if begun.elapsed() > OPEN_PATIENCE {
+                "a process was killed while it made this topic; stop all processes of the instance, the next start removes \
+                 the rest"
+            } else {
+                std::thread::sleep(Duration::from_millis(20));
+                continue;
             };
             return Err(failed(format!("{error:?}: {hint}")));
         }

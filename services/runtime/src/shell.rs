@@ -181,6 +181,11 @@ impl Shell {
         Ok(())
     }
 
+    /// Whether this process has begun the run that it takes part in.
+    pub fn describes_run(&self) -> bool {
+        self.run_writer.is_some()
+    }
+
     /// The run that this process takes part in.
     pub fn run(&self) -> Option<&RunDescription> {
         self.run.current.as_ref()
@@ -251,23 +256,8 @@ impl Shell {
         StatusWatch::open(&self.node)
     }
 
-    /// Waits for the newest message, with heartbeats; `None`: this process was asked to end. Says what it waits for after [`Topic::SILENCE_MAX`].
-    pub fn next<T: Payload>(
-        &mut self,
-        input: &mut Input<T>,
-        mut on_tick: impl FnMut(Option<&RunDescription>) -> Result<()>,
-    ) -> Result<Option<Message<T>>> {
-        let mut look = |run: Option<&RunDescription>, _| on_tick(run).map(|()| None);
-        loop {
-            match self.next_within(input, &mut look, Duration::MAX)? {
-                Next::Message(message) => return Ok(Some(message)),
-                Next::Stopping => return Ok(None),
-                Next::Timeout => (),
-            }
-        }
-    }
-
-    /// The same, and gives up after `timeout`. Silence is counted over the calls.
+    /// Waits for the newest message, with heartbeats; gives up after `timeout`. After [`Topic::SILENCE_MAX`], counted over the
+    /// calls, it says what it waits for.
     ///
     /// `on_tick` is told the run and whether there is time, because no message has come. What it gives is slept on in the input's place.
     pub(crate) fn next_within<T: Payload>(
@@ -288,7 +278,10 @@ impl Shell {
             let message = input.newest()?;
             let wake = on_tick(self.run(), message.is_none())?;
             if let Some(message) = message {
-                self.end_silence(input.name());
+                if let Some((since_ns, true)) = self.silence.take() {
+                    let waited_ms = (monotonic_ns() - since_ns) / 1_000_000;
+                    tracing::info!(waited_ms, "{} arrive", input.name());
+                }
                 return Ok(Next::Message(message));
             }
             self.say_silence(input)?;
@@ -325,13 +318,6 @@ impl Shell {
         let reason = format!("waiting for {}: {what}", input.name());
         tracing::info!("{reason}");
         self.state(HealthState::WaitingInput, &reason)
-    }
-
-    fn end_silence(&mut self, topic: &str) {
-        if let Some((since_ns, true)) = self.silence.take() {
-            let waited_ms = (monotonic_ns() - since_ns) / 1_000_000;
-            tracing::info!(waited_ms, "{topic} arrive");
-        }
     }
 
     /// Refuses a message that breaks the contract or comes of another model: counted, said, and the next one is taken.

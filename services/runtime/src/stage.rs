@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use mluc_ipc_types::{ContractError, FrameHeader, HealthState, Point, Stage};
+use mluc_ipc_types::{ContractError, FrameHeader, HealthState, Point, Stage, Topic};
 
-use crate::{Frames, Next, Output, Payload, RuntimeError, Shell, monotonic_ns};
+use crate::{Frames, Next, Payload, RuntimeError, Scans, Shell, monotonic_ns};
 
 /// Why a stage has no result for a frame.
 #[derive(Debug, thiserror::Error)]
@@ -27,15 +27,6 @@ impl StageError {
     }
 }
 
-/// What a stage is given of a frame.
-#[derive(Clone, Copy, Debug)]
-pub struct StageInput<'a, T> {
-    /// The message's elements, where they lie in shared memory; the algorithm checks them.
-    pub elements: &'a [T],
-    /// The points of the frame, for a stage that holds them; `None`: they are gone.
-    pub points: Option<&'a [Point]>,
-}
-
 /// What a stage is, besides its process.
 pub trait Algorithm {
     /// Which one.
@@ -46,10 +37,12 @@ pub trait Algorithm {
     type Output: Payload;
 
     /// Checks and computes a frame, and says in the header what was out of the ordinary. Gives the elements of the result.
+    /// `elements`: the message's, where they lie in shared memory. `points`: the frame's, for the refiner; `None`: they are gone.
     fn run(
         &mut self,
         header: &mut FrameHeader,
-        input: StageInput<'_, Self::Input>,
+        elements: &[Self::Input],
+        points: Option<&[Point]>,
     ) -> Result<usize, StageError>;
 
     /// Work on the points of a frame whose input is still to come, for a stage that holds them: they may be any, and the frame may never come.
@@ -67,14 +60,22 @@ pub trait Algorithm {
     fn count(&self, _shell: &mut Shell) {}
 }
 
-/// Runs a stage until it is asked to end.
+/// Runs a stage behind ingest until it is asked to end. `elements_max`: of its largest result.
 pub fn run_stage<A: Algorithm>(
     shell: &mut Shell,
-    mut frames: Frames<A::Input>,
-    mut output: Output<A::Output>,
+    elements_max: usize,
     mut algorithm: A,
 ) -> Result<(), StageError> {
     let stage = A::STAGE;
+    // Topics, and whether the scans are held beside them; `None`: they are the input.
+    let (from, to, holds) = match stage {
+        Stage::Ingest | Stage::Backbone => (&Topic::POINTS, &Topic::FEATURES, None),
+        Stage::Head => (&Topic::FEATURES, &Topic::DETECTIONS, Some(false)),
+        Stage::Refiner => (&Topic::DETECTIONS, &Topic::OBJECTS, Some(true)),
+    };
+    let mut output = shell.output::<A::Output>(to, elements_max)?;
+    let scans = holds.map(|holds| Scans::open(shell, holds)).transpose()?;
+    let mut frames = Frames::<A::Input>::new(shell, from, scans)?;
     let waiting = format!("waiting for {}", frames.name());
     shell.state(HealthState::WaitingInput, &waiting)?;
     loop {
@@ -88,12 +89,9 @@ pub fn run_stage<A: Algorithm>(
         let stamps = header.stamps_mut(stage);
         (stamps.received_ns, stamps.started_ns) = (message.received_ns, monotonic_ns());
         shell.note_frame(Some(header.sequence));
-        let input = StageInput {
-            elements: message.elements(),
-            points: frames.points(header.sequence),
-        };
-        let bytes_read = size_of_val(input.elements) + input.points.map_or(0, size_of_val);
-        let count = match algorithm.run(&mut header, input) {
+        let (elements, points) = (message.elements(), frames.points(header.sequence));
+        let bytes_read = size_of_val(elements) + points.map_or(0, size_of_val);
+        let count = match algorithm.run(&mut header, elements, points) {
             Ok(count) => count,
             Err(StageError::Refused(error)) => {
                 shell.note_frame(None);
@@ -124,13 +122,18 @@ pub fn stamp_published(stage: Stage, header: &mut FrameHeader) {
 }
 
 /// A frame left: counts it and its time.
-pub fn finish(shell: &mut Shell, stage: Stage, header: &FrameHeader) -> Result<(), RuntimeError> {
+pub fn count_frame(shell: &mut Shell, stage: Stage, header: &FrameHeader) {
     let stamps = header.stages[stage as usize];
     if let Some(heartbeat) = &mut shell.heartbeat {
         heartbeat.record_run(monotonic_ns().saturating_sub(stamps.started_ns));
     }
     shell.health.frames_out += 1;
     shell.note_frame(None);
+}
+
+/// The same of a stage that has no complaint.
+pub fn finish(shell: &mut Shell, stage: Stage, header: &FrameHeader) -> Result<(), RuntimeError> {
+    count_frame(shell, stage, header);
     shell.state(HealthState::Running, "")?;
     shell.tick()
 }

@@ -19,16 +19,11 @@ fn entries(folder: &Path) -> impl Iterator<Item = fs::DirEntry> {
 
 /// Removes all segments, and all of the root folder but the file named `keep`. Only for the one process that is alone. Returns how many things there were.
 pub(crate) fn wipe(instance: &Instance, keep: &str) -> usize {
-    let mut count = 0;
-    for path in segments(instance) {
-        count += usize::from(fs::remove_file(path).is_ok());
-    }
-    for entry in entries(instance.root()).filter(|entry| entry.file_name() != keep) {
-        let path = entry.path();
-        let removed = fs::remove_file(&path).or_else(|_| fs::remove_dir_all(&path));
-        count += usize::from(removed.is_ok());
-    }
-    count
+    let inner = entries(instance.root()).filter(|entry| entry.file_name() != keep);
+    let paths = segments(instance).into_iter();
+    let paths = paths.chain(inner.map(|entry| entry.path()));
+    let remove = |path: &PathBuf| fs::remove_file(path).or_else(|_| fs::remove_dir_all(path));
+    paths.filter(|path| remove(path).is_ok()).count()
 }
 
 /// After a wipe: what is still there belongs to another user, who may have prepared it for us.

@@ -1,11 +1,12 @@
-//! What is not of this run, of this model, or out of sequence is never used; heartbeats that make no sense are left out.
+//! What is not of this run, of this model, or out of sequence is never used; heartbeats that make no sense are left out. A wait ends
+//! with a message, or when the process is asked to end.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bytemuck::Zeroable;
 use mluc_ipc_types::{
-    Detection, FeatureBlock, FrameHeader, Health, HealthState, Point, RunDescription, Stage, Topic,
-    WIRE_VERSION,
+    Detection, FeatureBlock, FrameHeader, Health, HealthState, Object, Point, RunDescription,
+    Stage, Topic, WIRE_VERSION,
 };
 use mluc_runtime::{
     Frames, Instance, Next, Output, Payload, Scans, Shell, Shutdown, random_run_id,
@@ -14,9 +15,6 @@ use mluc_runtime::{
 const MODEL: u64 = 42;
 /// What the run changes to.
 const OTHER_MODEL: u64 = 40;
-
-/// Spoils a header.
-type Spoil = fn(&mut FrameHeader);
 
 fn instance(label: &str) -> Instance {
     Instance::new(&format!("{label}-{}", std::process::id())).unwrap()
@@ -88,8 +86,8 @@ impl Others {
     }
 }
 
-fn frames<T: Payload>(shell: &Shell, topic: &Topic) -> Frames<T> {
-    let scans = Scans::open(shell, false).unwrap();
+fn frames<T: Payload>(shell: &Shell, topic: &Topic, holds_scans: bool) -> Frames<T> {
+    let scans = Scans::open(shell, holds_scans).unwrap();
     Frames::new(shell, topic, Some(scans)).unwrap()
 }
 
@@ -111,8 +109,7 @@ fn a_scan_is_shown_ahead_of_its_frame_once_and_not_before_one_that_is_on_its_way
     let instance = instance("ahead");
     let mut others = Others::new(&instance);
     let mut refiner = stage(&instance, Stage::Refiner);
-    let scans = Scans::open(&refiner, true).unwrap();
-    let mut frames = Frames::<Detection>::new(&refiner, &Topic::DETECTIONS, Some(scans)).unwrap();
+    let mut frames = frames::<Detection>(&refiner, &Topic::DETECTIONS, true);
     let mut look = |frame: Option<u64>| {
         let mut shown = vec![];
         let ahead = |header: &FrameHeader, points: &[Point]| {
@@ -144,8 +141,8 @@ fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
     let mut others = Others::new(&instance);
     let mut head = stage(&instance, Stage::Head);
     let mut refiner = stage(&instance, Stage::Refiner);
-    let mut features = frames::<FeatureBlock>(&head, &Topic::FEATURES);
-    let mut detections = frames::<Detection>(&refiner, &Topic::DETECTIONS);
+    let mut features = frames::<FeatureBlock>(&head, &Topic::FEATURES, false);
+    let mut detections = frames::<Detection>(&refiner, &Topic::DETECTIONS, false);
     let mut both = |others: &mut Others| {
         others.shell.tick().unwrap();
         let of_head = taken(&mut features, &mut head, |_, _| ());
@@ -160,7 +157,7 @@ fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
     others.scan(3);
     others.send(|_| (), 3);
     assert_eq!(both(&mut others).0, Some(3));
-    let spoils: [(&str, Spoil); 8] = [
+    let spoils: [(&str, fn(&mut FrameHeader)); 8] = [
         ("2^64-1", |h| h.sequence = u64::MAX),
         ("2^64-2", |h| h.sequence = u64::MAX - 1),
         ("not sent yet", |h| h.sequence = 5),
@@ -190,6 +187,46 @@ fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
     assert_eq!(both(&mut others).0, None);
     others.send(|_| (), 0);
     assert_eq!(both(&mut others), (Some(0), [(9, 2); 2]));
+}
+
+#[test]
+fn waiting_wakes_up_says_why_and_ends_on_request() {
+    let instance = instance("wait");
+    let mut others = Others::new(&instance);
+    let shutdown = Shutdown::default();
+    let mut consumer = Shell::stage(&instance, Stage::Backbone, shutdown.clone()).unwrap();
+    let mut objects = Frames::<Object>::new(&consumer, &Topic::OBJECTS, None).unwrap();
+    let mut watch = consumer.health_watch().unwrap();
+    others.shell.tick().unwrap();
+    let begun = Instant::now();
+    let silence = Topic::SILENCE_MAX + Duration::from_millis(200);
+    let ending = std::thread::spawn(move || {
+        std::thread::sleep(silence);
+        shutdown.request();
+    });
+    let next = objects.next_within(&mut consumer, |_, _| (), Duration::MAX);
+    assert!(matches!(next.unwrap(), Next::Stopping));
+    assert!(begun.elapsed() < silence + Duration::from_millis(400));
+    ending.join().unwrap();
+    watch.update().unwrap();
+    let health = watch.of(Stage::Backbone).unwrap();
+    assert_eq!(health.state, HealthState::WaitingInput as u32);
+    let reason = "waiting for objects: no producer is running";
+    assert_eq!(health.reason(), reason);
+
+    let (own, header) = (instance.clone(), others.header(5));
+    let sender = std::thread::spawn(move || {
+        let mut producer = stage(&own, Stage::Refiner);
+        let mut output = producer.output::<Object>(&Topic::OBJECTS, 1).unwrap();
+        std::thread::sleep(Duration::from_millis(100));
+        output.send(&header, &[]).unwrap();
+        std::thread::sleep(Duration::from_millis(200));
+    });
+    let mut head = stage(&instance, Stage::Head);
+    others.shell.tick().unwrap();
+    let next = objects.next_within(&mut head, |_, _| (), Duration::MAX);
+    assert!(matches!(next.unwrap(), Next::Message(m) if m.header().sequence == 5));
+    sender.join().unwrap();
 }
 
 #[test]
@@ -232,6 +269,9 @@ fn a_heartbeat_that_makes_no_sense_is_left_out() {
         let header = FrameHeader::new(0, "refiner");
         output.send(&header, &[health]).unwrap();
     };
+    send(&|h| h.run_id = 0);
+    watch.update().unwrap();
+    assert!(watch.of(Stage::Refiner).is_some() && !watch.is_ready(Stage::Refiner));
     others.shell.tick().unwrap();
     watch.update().unwrap();
     // What else a heartbeat may not say is a promise of its own check.

@@ -16,6 +16,8 @@ use crate::{Scan, SourceError, ending};
 const SCAN_BYTES_MAX: u64 = 64 << 20;
 /// Scans whose sizes are looked at before a run.
 const SIZES: usize = 5;
+/// Bytes of the first one that are looked at.
+const START_BYTES: u64 = 1 << 20;
 /// Scans of one run; a guess far above any recording.
 const SCANS_MAX: usize = 1_000_000;
 
@@ -61,9 +63,16 @@ impl Folder {
             let scans = scan_files(&folder, None)?;
             if !scans.is_empty() {
                 check(&scans)?;
+                let poses = match poses(&folder, scans.len()) {
+                    Err(error) if !layout.deskew => {
+                        tracing::warn!("{error:#}: poses are not used");
+                        None
+                    }
+                    poses => poses?,
+                };
                 return Ok(Folder {
                     stamps_ns: stamps(&folder, scans.len()),
-                    poses: poses(&folder, scans.len())?,
+                    poses,
                     scans,
                     ..found
                 });
@@ -77,10 +86,8 @@ impl Folder {
     /// Refuses to correct scans for motion that have no stamps and poses, or whose first one has points without times.
     pub(crate) fn check_motion(&self) -> anyhow::Result<()> {
         let is_known = self.stamps_ns.is_some() && self.poses.is_some();
-        ensure!(
-            is_known,
-            "expected poses.txt and timestamps.txt beside the scans"
-        );
+        let expected = "expected poses.txt and timestamps.txt beside the scans";
+        ensure!(is_known, "{expected}");
         let mut scan = Scan::default();
         self.read(0, &mut scan);
         let has_times = scan.bytes.is_empty() || !scan.times_ns.is_empty();
@@ -96,7 +103,14 @@ impl Folder {
         }
         let size = |path| fs::metadata(path).map_or(0, |about| about.len());
         let sizes: Vec<u64> = scans.iter().take(SIZES).map(size).collect();
-        files::check_columns(&sizes)
+        // Of a pipe the size is 0, and what is read of it is gone.
+        let first = scans.first().filter(|_| sizes[0] > 0);
+        let mut start = Vec::new();
+        if let Some(Ok(file)) = first.map(File::open) {
+            // One that cannot be read is flagged when its turn comes.
+            let _ = file.take(START_BYTES).read_to_end(&mut start);
+        }
+        files::check_columns(&sizes, &start)
     }
 
     /// The scan of a number that counts on over all rounds.
@@ -139,35 +153,29 @@ impl Folder {
     /// Reads a scan into its memory, which is reused: x, y, z (m), intensity as f32, whatever the file's format. The flags say that it is longer than a scan can be,
     /// ends too early, or could not be read.
     fn read(&self, index: usize, scan: &mut Scan) -> Flags {
-        let mut flags = Flags::default();
-        let is_read = self.read_points(index, scan);
-        let bytes = &mut scan.bytes;
-        match is_read {
-            Ok(is_cut) if is_cut => flags = flags.with(Flags::DAMAGED_INPUT),
-            Ok(_) => {}
-            Err(error) => {
-                let path = self.scans[index].display();
-                tracing::warn!(%path, "cannot read a scan, an empty frame takes its place: {error:#}");
-                bytes.clear();
-                flags = flags.with(Flags::DAMAGED_INPUT);
-            }
-        }
-        if bytes.len() as u64 > SCAN_BYTES_MAX {
-            bytes.truncate(SCAN_BYTES_MAX as usize);
-            flags = flags.with(Flags::TRUNCATED);
-        }
-        flags
+        self.read_points(index, scan).unwrap_or_else(|error| {
+            let path = self.scans[index].display();
+            tracing::warn!(%path, "cannot read a scan, an empty frame takes its place: {error:#}");
+            scan.bytes.clear();
+            Flags::DAMAGED_INPUT
+        })
     }
 
-    /// True: the file ends before what it promises.
-    fn read_points(&self, index: usize, scan: &mut Scan) -> anyhow::Result<bool> {
+    /// What ends early where the limit cut it is not damaged.
+    fn read_points(&self, index: usize, scan: &mut Scan) -> anyhow::Result<Flags> {
         let mut file = std::mem::take(&mut scan.bytes);
         file.clear();
         let path = &self.scans[index];
         let format = Format::of(path).context("a file of another format")?;
         let mut limited = File::open(path)?.take(SCAN_BYTES_MAX + 1);
-        limited.read_to_end(&mut file)?;
-        Ok(format.convert(&self.layout, file, scan)?)
+        let is_long = limited.read_to_end(&mut file)? as u64 > SCAN_BYTES_MAX;
+        let is_cut = format.convert(&self.layout, file, scan)?;
+        scan.bytes.truncate(SCAN_BYTES_MAX as usize);
+        Ok(match (is_cut, is_long) {
+            (false, _) => Flags::default(),
+            (true, false) => Flags::DAMAGED_INPUT,
+            (true, true) => Flags::TRUNCATED,
+        })
     }
 }
 
@@ -387,10 +395,7 @@ mod tests {
 
     #[test]
     fn a_scan_that_cannot_be_read_is_no_end() {
-        let source = Folder {
-            scans: vec!["/nowhere/000007.bin".into()],
-            ..Folder::default()
-        };
+        let source = Folder::of(vec!["/nowhere/000007.bin".into()], &Layout::default());
         let mut scan = Scan {
             bytes: vec![1, 2, 3],
             ..Scan::default()
@@ -398,6 +403,18 @@ mod tests {
         assert_eq!(source.read(0, &mut scan), Flags::DAMAGED_INPUT);
         assert!(scan.bytes.is_empty());
         assert_eq!(source.name(0), "000007");
+    }
+
+    #[test]
+    fn a_scan_beyond_the_limit_is_truncated_and_not_damaged() {
+        let header = "FIELDS x y z w\nSIZE 4 4 4 8\nTYPE F F F F\nCOUNT 1 1 1 4096\nPOINTS 3000\nDATA binary\n";
+        for ending in [".pcd", ".bin"] {
+            let file = tempfile::Builder::new().suffix(ending).tempfile().unwrap();
+            fs::write(file.path(), header).unwrap();
+            file.as_file().set_len(2 * SCAN_BYTES_MAX).unwrap();
+            let source = Folder::of(vec![file.path().into()], &Layout::default());
+            assert_eq!(source.read(0, &mut Scan::default()), Flags::TRUNCATED);
+        }
     }
 
     fn folder_with(text: &str) -> tempfile::TempDir {
@@ -425,7 +442,13 @@ mod tests {
             ("1 2 3 4\n1 2 3\n", "found `1 2 3`"),
             ("NaN 2 3 4\n1 2 3 4\n", "line 1"),
         ] {
-            let error = poses(folder_with(content).path(), 2).unwrap_err();
+            let root = folder_with(content);
+            fs::write(root.path().join("a.bin"), [0; 16]).unwrap();
+            fs::write(root.path().join("b.bin"), [0; 16]).unwrap();
+            let mut layout = Layout::default();
+            assert_eq!(find(root.path()).unwrap().poses, None);
+            layout.deskew = true;
+            let error = Folder::find(root.path(), &layout).unwrap_err();
             assert!(format!("{error:#}").contains(words), "{error:#}");
         }
     }

@@ -164,9 +164,9 @@ impl Source {
             Kind::Folder(Folder::find(input, layout)?)
         };
         let has_poses = match &kind {
-            Kind::Folder(folder) if layout.deskew => folder.check_motion(),
-            Kind::Folder(_) | Kind::Recording(_) => Ok(()),
             _ if !layout.deskew => Ok(()),
+            Kind::Folder(folder) => folder.check_motion(),
+            Kind::Recording(_) => Ok(()),
             _ => Err(anyhow!(
                 "expected poses as folders, recordings and ROS 2 topics have them"
             )),

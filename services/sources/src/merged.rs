@@ -222,7 +222,7 @@ impl Part {
 
     /// Appends the points in the frame's coordinates; gives what is wrong with the scan.
     fn write_points(&self, bytes: &mut Vec<u8>) -> Flags {
-        let (points, rest) = self.scan.bytes.as_chunks::<16>();
+        let (points, _) = self.scan.bytes.as_chunks::<16>();
         for point in points {
             let (numbers, _) = point.as_chunks();
             let [x, y, z, intensity] = std::array::from_fn(|i| f32::from_le_bytes(numbers[i]));
@@ -234,10 +234,7 @@ impl Part {
             let numbers = [at.x, at.y, at.z, intensity].map(f32::to_le_bytes);
             bytes.extend_from_slice(numbers.as_flattened());
         }
-        match rest {
-            [] => self.scan.flags,
-            _ => self.scan.flags.with(Flags::DAMAGED_INPUT),
-        }
+        self.scan.flags
     }
 }
 

@@ -12,6 +12,8 @@ use crate::{SourceError, refused};
 
 /// Longer than any frame of a capture.
 const BUFFER_BYTES: usize = 1 << 20;
+/// Other blocks of a pcapng file may be longer, as secrets or comments are; a guess.
+const BLOCK_BYTES_MAX: usize = 64 << 20;
 /// A fragment waits for the others of its datagram for so many fragments.
 const FRAGMENTS_MAX: u64 = 1024;
 /// Interfaces of a pcapng file that are remembered.
@@ -29,11 +31,11 @@ type Address = (u64, SocketAddr, u16);
 pub struct CaptureCounts {
     /// UDP datagrams given out.
     pub datagrams: u64,
-    /// Frames that are no whole UDP datagram: other protocols, cut by the recorder.
+    /// Frames that are no whole UDP datagram, or have no time: other protocols, cut by the recorder.
     pub other: u64,
     /// Fragmented datagrams of which a part did not come, or has not yet.
     pub fragmented_lost: u64,
-    /// The file ends within a block, or is damaged there: what follows is not read.
+    /// The file ends within a block, is damaged there, or the block is above 64 MiB: what follows is not read.
     pub cut_short: bool,
 }
 
@@ -109,8 +111,7 @@ impl Capture {
     pub fn next_datagram(&mut self) -> Result<Option<Datagram<'_>>, SourceError> {
         loop {
             if self.is_ng && is_impossible(self.reader.data()) {
-                self.frames.counts.cut_short = true;
-                return Ok(None);
+                break;
             }
             match self.reader.next() {
                 Ok((bytes, block)) => {
@@ -134,12 +135,16 @@ impl Capture {
                         return Err(SourceError::io(self.path.display(), cause));
                     }
                 }
-                Err(_) => {
-                    self.frames.counts.cut_short = true;
-                    return Ok(None);
+                Err(error) => {
+                    let is_long = matches!(error, PcapError::BufferTooSmall);
+                    if !is_long || !self.reader.grow(BLOCK_BYTES_MAX) {
+                        break;
+                    }
                 }
             }
         }
+        self.frames.counts.cut_short = true;
+        Ok(None)
     }
 }
 
@@ -200,7 +205,8 @@ fn read<'a>(block: &'a PcapBlockOwned, interfaces: &mut Vec<Interface>) -> Optio
             let bytes = frame.data.get(..frame.caplen as usize)?;
             Some((stamp_ns, interface.link, bytes))
         }
-        // A simple packet has no time, the other blocks no packets.
+        // Without a time it is of no use: an empty frame is counted as such.
+        PcapBlockOwned::NG(Block::SimplePacket(_)) => Some((0, Linktype::ETHERNET, &[])),
         PcapBlockOwned::NG(_) => None,
     }
 }
@@ -338,8 +344,8 @@ pub(crate) mod tests {
         bytes
     }
 
-    /// One interface with nanoseconds, one frame at 100.000000123 s.
-    fn pcapng(frame: &[u8]) -> Vec<u8> {
+    /// One interface with nanoseconds, a packet of so many bytes without a time, one frame at 100.000000123 s.
+    fn pcapng(frame: &[u8], simple_bytes: usize) -> Vec<u8> {
         let block = |kind: u32, body: &[u8]| {
             let padded = body.len().next_multiple_of(4);
             let length = (12 + padded as u32).to_le_bytes();
@@ -354,8 +360,9 @@ pub(crate) mod tests {
         let section = [&[0x4D, 0x3C, 0x2B, 0x1A, 1, 0, 0, 0][..], &[255; 8]].concat();
         let section = block(0x0A0D_0D0A, &section);
         let interface = block(1, &[&link[..], &nanoseconds, &ends].concat());
+        let simple = block(3, &vec![0; 4 + simple_bytes]);
         let packet = block(6, &[words.as_flattened(), frame].concat());
-        [section, interface, packet].concat()
+        [section, interface, simple, packet].concat()
     }
 
     /// Stamp, port and content of each datagram.
@@ -389,14 +396,16 @@ pub(crate) mod tests {
         assert_eq!(counts, expected);
         let first = (100_000_000_000, 2369, POINTS[..1206].to_vec());
         assert_eq!(found, [first, (100_006_000_000, 2369, POINTS.to_vec())]);
-        let (found, _) = read_all(&pcapng(&ethernet(b"points"))).unwrap();
+        // A block that is longer than the buffer is read too.
+        let (found, counts) = read_all(&pcapng(&ethernet(b"points"), 2 << 20)).unwrap();
         assert_eq!(found, [(100_000_000_123, 2369, b"points".to_vec())]);
+        assert_eq!((counts.other, counts.cut_short), (1, false));
     }
 
     #[test]
     fn a_capture_cut_anywhere_gives_its_whole_frames() {
         let frame = ethernet(b"points");
-        for whole in [pcap(&[frame.clone(), frame.clone()]), pcapng(&frame)] {
+        for whole in [pcap(&[frame.clone(), frame.clone()]), pcapng(&frame, 0)] {
             let (all, _) = read_all(&whole).unwrap();
             for end in 24..whole.len() {
                 // A pcapng file that ends in its first block is not one.

@@ -35,8 +35,8 @@ pub(crate) fn within(input: &Path, ending: &str) -> Option<PathBuf> {
 
 pub(crate) struct Recording {
     path: PathBuf,
+    /// It names the topic.
     layout: Layout,
-    topic: String,
     messages: MessageReader<BufReader<File>>,
     /// Messages of the topic; `None`: not told.
     pub(crate) count: Option<u64>,
@@ -66,11 +66,17 @@ impl Recording {
         let counts = summary.stats.map(|stats| stats.channel_message_counts);
         let count = counts.filter(|counts| !counts.is_empty());
         let count = count.map(|counts| channels.iter().filter_map(|id| counts.get(id)).sum());
+        if count == Some(0u64) {
+            let place = format!("messages on {topic}");
+            return refused(place, "one or more", "none").with_context(about);
+        }
         tracing::info!(topic, scans = count, poses = motion, "recording");
         Ok(Recording {
             path: path.to_path_buf(),
-            layout: layout.clone(),
-            topic,
+            layout: Layout {
+                topic: Some(topic),
+                ..layout.clone()
+            },
             messages: messages(path)?,
             count,
             sequence: 0,
@@ -87,7 +93,7 @@ impl Recording {
         for _ in 0..LOOKS_MAX {
             let message = self.messages.next().transpose();
             match message.with_context(|| format!("input {}", self.path.display()))? {
-                Some(message) if message.channel.topic == self.topic => {
+                Some(message) if self.layout.topic.as_ref() == Some(&message.channel.topic) => {
                     let Some(cloud) = cloud(&message.channel) else {
                         continue;
                     };
@@ -95,11 +101,12 @@ impl Recording {
                     self.sequence += 1;
                     if self.sequence > sequence {
                         let (data, ns) = (&message.data, message.log_time);
+                        scan.name = numbered(sequence);
                         let frame = scan.take_cloud(cloud, &self.layout, data, ns);
                         if let Some((_, odometry)) = &mut self.motion {
                             odometry.correct(scan, &frame);
                         }
-                        (scan.name, scan.offset_ns) = (numbered(sequence), Some(offset_ns));
+                        scan.offset_ns = Some(offset_ns);
                         return Ok(Next::Scan);
                     }
                 }
@@ -170,13 +177,14 @@ impl Recorded {
 
 impl Scan {
     /// Takes a `sensor_msgs/PointCloud2` in CDR. One that makes no sense is said, and is an empty scan with the flag `damaged_input`. `received_ns`
-    /// stands in for a stamp of 0. Gives the frame of the points.
+    /// stands in for a stamp of 0. The name stays empty. Gives the frame of the points.
     pub fn take_point_cloud2(
         &mut self,
         layout: &Layout,
         message: &[u8],
         received_ns: u64,
     ) -> String {
+        self.name.clear();
         self.take_cloud(Cloud::Ros2, layout, message, received_ns)
     }
 
@@ -185,7 +193,7 @@ impl Scan {
         self.times_ns.clear();
         let found = cloud.convert(layout, message, self);
         let (stamp_ns, is_damaged, frame) = found.unwrap_or_else(|error| {
-            tracing::warn!("cannot read a message, an empty frame takes its place: {error}");
+            tracing::warn!(scan = %self.name, topic = layout.topic, "cannot read a message, an empty frame takes its place: {error}");
             self.bytes.clear();
             (0, true, String::new())
         });

@@ -50,10 +50,11 @@ pub struct Follower {
 }
 
 impl Follower {
-    /// Joins the instance, where no pipeline need run yet. From now on this process yields to the stages.
-    pub fn open(instance: &Instance) -> anyhow::Result<Follower> {
+    /// Joins the instance that is `named`, else that of the environment; no pipeline need run yet. From now on this process yields to the stages.
+    pub fn open(named: Option<Instance>) -> anyhow::Result<Follower> {
+        let instance = named.map_or_else(Instance::from_environment, Ok)?;
         rustix::process::nice(NICE)?;
-        let shell = Shell::observer(instance, None, Shutdown::on_signals()?)?;
+        let shell = Shell::observer(&instance, None, Shutdown::on_signals()?)?;
         let (mut health, mut status) = (shell.health_watch()?, shell.status_watch()?);
         // What waits in the queues may be the last word of a stage that is gone.
         health.update()?;

@@ -17,9 +17,9 @@ use mluc_view::Follower;
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Which pipeline; it may be started later.
-    #[arg(long, global = true, default_value = "default", value_parser = Instance::new)]
-    instance: Instance,
+    /// Which pipeline; it may be started later [default: MLUC_INSTANCE, else default].
+    #[arg(long, global = true, value_parser = Instance::new)]
+    instance: Option<Instance>,
 }
 
 #[derive(Subcommand)]
@@ -44,7 +44,7 @@ enum Command {
 fn main() -> anyhow::Result<ExitCode> {
     let cli = Cli::parse();
     log_to_stderr("view", "info");
-    let follower = Follower::open(&cli.instance)?;
+    let follower = Follower::open(cli.instance)?;
     match &cli.command {
         Command::View { port } => server::view(follower, *port),
         Command::Record { out, stages } => record::record(follower, out, *stages),

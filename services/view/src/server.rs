@@ -33,7 +33,7 @@ const LINE_SCHEMA: &str = include_str!("../../../docs/objects.schema.json");
 const CLIENTS_MAX: usize = 8;
 /// Bytes of a request or a message.
 const REQUEST_MAX: usize = 8192;
-/// For a request.
+/// For a request, and for a client that takes nothing.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Between two looks for a new moment.
 const LOOK: Duration = Duration::from_millis(10);
@@ -87,6 +87,7 @@ fn receive(listener: &TcpListener, shared: &Arc<Shared>) {
 
 fn serve(mut stream: TcpStream, shared: &Shared) -> Result<(), Error> {
     stream.set_read_timeout(Some(PATIENCE))?;
+    stream.set_write_timeout(Some(PATIENCE))?;
     let mut request = [0; REQUEST_MAX];
     let count = stream.peek(&mut request)?;
     let text = String::from_utf8_lossy(&request[..count]).to_ascii_lowercase();

@@ -26,9 +26,9 @@ const KEYS: [(usize, &str, Encoding); 5] = [
 #[command(name = "mluc zenoh", version)]
 #[group(required = true, multiple = true, args = ["connect", "listen", "config"])]
 struct Cli {
-    /// Which pipeline; it may be started later.
-    #[arg(long, default_value = "default", value_parser = Instance::new)]
-    instance: Instance,
+    /// Which pipeline; it may be started later [default: MLUC_INSTANCE, else default].
+    #[arg(long, value_parser = Instance::new)]
+    instance: Option<Instance>,
     /// What the keys begin with [default: mluc/INSTANCE].
     #[arg(long, value_name = "KEY")]
     prefix: Option<String>,
@@ -74,10 +74,10 @@ fn main() -> anyhow::Result<()> {
     let cli = Cli::parse();
     let filter = "info,zenoh=warn,zenoh_transport=error,zenoh_link=error";
     log_to_stderr("zenoh", filter);
-    let mut follower = Follower::open(&cli.instance)?;
+    let mut follower = Follower::open(cli.instance.clone())?;
     let config = told("--connect, --listen, --config", cli.zenoh())?;
     let session = told("opening a zenoh session", zenoh::open(config).wait())?;
-    let default = format!("mluc/{}", cli.instance.name());
+    let default = format!("mluc/{}", follower.shell.instance().name());
     let prefix = cli.prefix.as_ref().unwrap_or(&default);
     let mut publishers = vec![];
     for (place, name, encoding) in &KEYS[..KEYS.len() - usize::from(!cli.points)] {

@@ -4,6 +4,8 @@ import os
 import sys
 import time
 
+import numpy as np
+
 import mluc
 
 FAULT = sys.argv[1]
@@ -33,7 +35,10 @@ class Wrong(mluc.Consumer):
             super().follow()
 
     def check(self, objects):
-        if FAULT == "believes":
+        if FAULT == "passes_on":
+            for name in mluc.FINITE:
+                objects[name] = np.nan_to_num(objects[name])
+        if FAULT in ("believes", "passes_on"):
             return objects
         if FAULT == "brittle":
             assert (objects["class_id"] < 8).all()
@@ -69,6 +74,8 @@ for frame in consumer.frames():
         objects = objects[:1]
     if FAULT == "miscounts":
         objects[0]["points"] += 1
+    if FAULT == "counts_blindly":
+        objects = [{**line, "points": int(o["points_count"])} for line, o in zip(objects, published)]
     line = {"sequence": frame.header.sequence, "objects": objects}
     if FAULT != "mute":
         print(json.dumps(line), flush=True)

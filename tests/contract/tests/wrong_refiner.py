@@ -50,6 +50,7 @@ class Wrong(mluc.Refiner):
         boxes = frame.detections
         sound = all((np.abs(boxes[name]) < 1e4).all() for name in SAME[3:])  # false for NaN
         sound &= (boxes["size_m"] > 0).all() and (boxes["class_id"] < self.classes).all() and (boxes["kind"] < 2).all()
+        sound &= mluc.is_probability(boxes["unknown_probability"]).all() and (FAULT == "any_gate" or (boxes["gate"] < mluc.GATES).all())
         assert sound or FAULT != "brittle"
         return frame if sound else self.refuse("detections that make no sense")
 

@@ -20,7 +20,7 @@ pub struct FrameSet {
 pub struct DetectedFrame {
     /// What was labelled.
     pub truth: FrameTruth,
-    /// Kept boxes, the best objectness first.
+    /// Kept boxes in the head's order: those with a class, then those without one, the best objectness of either first.
     pub detections: Vec<Detection>,
 }
 

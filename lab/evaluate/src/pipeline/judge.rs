@@ -136,12 +136,11 @@ pub fn choose_threshold(
         ("map_harm", point.map_harm()),
     ];
     let named = figures.map(|(name, value)| (name.to_owned(), value));
-    let mut metrics = named.to_vec();
     let of_class = |c: &ClassReport| (format!("ap_closed_{}", c.rule.name), c.main().ap.r40);
-    metrics.extend(judgement.closed.known().map(of_class));
+    let of_classes = judgement.closed.known().map(of_class);
     Ok(Choice {
         threshold: point.threshold,
-        metrics,
+        metrics: named.into_iter().chain(of_classes).collect(),
         reason: format!(
             "{}, among {} thresholds; data: {data}; refiner: {refiner}",
             gate.rule(),

@@ -111,5 +111,9 @@ fn read_part(path: &Path, expected: &str) -> Result<Vec<(String, Vec<Detection>)
         frames.push((name, boxes));
         rest = behind;
     }
-    Ok(frames)
+    if rest.is_empty() {
+        return Ok(frames);
+    }
+    let what = format!("expected no bytes behind the frames, found {}", rest.len());
+    Err(fault(what))
 }

@@ -111,8 +111,11 @@ fn judged_boxes<'a>(
         };
         let label = label.camera_box.upright();
         let fits = |b: &Box3| iou_3d(b, &label) > rule.iou_min;
-        let hit = (0..boxes.len()).find(|&i| !taken[i] && boxes[i].as_ref().is_some_and(fits));
-        if let Some(i) = hit {
+        let free = (0..boxes.len()).filter(|&i| !taken[i] && boxes[i].as_ref().is_some_and(fits));
+        let objectness = |i: &usize| frame.detections[*i].objectness;
+        // The first of equal ones.
+        let best = free.min_by(|a, b| objectness(b).total_cmp(&objectness(a)));
+        if let Some(i) = best {
             taken[i] = true;
             found.push(judged(&frame.detections[i], Some(rule)));
         }

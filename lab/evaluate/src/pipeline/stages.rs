@@ -63,12 +63,8 @@ impl SensorDetection {
 
     /// A box as the network gives it, of its class.
     pub fn of_box(detection: &Detection, classes: &[String]) -> SensorDetection {
-        SensorDetection::known(
-            detection.class_id,
-            classes,
-            detection.score,
-            box_of(detection),
-        )
+        let (class_id, score) = (detection.class_id, detection.score);
+        SensorDetection::known(class_id, classes, score, box_of(detection))
     }
 
     /// What the refiner published, in its order.

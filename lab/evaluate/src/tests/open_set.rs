@@ -53,14 +53,12 @@ struct Scene {
 }
 
 impl Scene {
-    fn detections(&self, frame: usize, threshold: f64) -> Vec<SensorDetection> {
-        self.kept[frame].iter().map(|k| k.at(threshold)).collect()
-    }
-
     fn frames(&self, threshold: f64) -> Vec<LabelledFrame> {
-        let truths = self.truths.iter().enumerate();
-        let with = |(i, truth): (usize, &FrameTruth)| truth.with(&self.detections(i, threshold));
-        truths.map(with).collect()
+        let with = |(truth, kept): (&FrameTruth, &Vec<Kept>)| {
+            let found: Vec<SensorDetection> = kept.iter().map(|k| k.at(threshold)).collect();
+            truth.with(&found)
+        };
+        self.truths.iter().zip(&self.kept).map(with).collect()
     }
 
     fn judged(&self, thresholds: &[f64]) -> Vec<JudgedPoint> {

@@ -16,8 +16,8 @@ use mluc_evaluate::pipeline::{
 };
 use mluc_model::{Model, SensorProfile, Takes, model_bytes};
 use mluc_refiner::Settings;
-use mluc_simulate::{Class, Split};
-use mluc_train::TrainSettings;
+use mluc_simulate::{Class, Split, rays};
+use mluc_train::check_known;
 use plan::{Plan, Request};
 
 use super::quantize::{RANGE_FRAMES, quantized};
@@ -64,23 +64,21 @@ pub(crate) fn run(arguments: AdaptArguments) -> Result<()> {
     tune_memory();
     arguments.threads.start()?;
     let out = &arguments.out;
-    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let init = match &arguments.init {
         Some(path) => std::fs::read(path).with_context(|| path.display().to_string())?,
         None => ANY_OPEN.to_vec(),
     };
-    let mut known: Vec<String> = vec![];
-    for name in arguments.known.iter().map(|class| lower(*class)) {
-        if !known.contains(&name) {
-            known.push(name);
-        }
-    }
+    let is_known = |class: &Class| arguments.known.contains(class);
+    let known = Class::REAL.into_iter().filter(is_known).map(lower);
+    let known: Vec<String> = known.collect();
+    check_known(&known)?;
     let request = Request {
         sensor: SensorProfile::load(&arguments.sensor)?,
         init: format!("{:016x}", Model::from_bytes(&init)?.fingerprint),
         known,
         hours: arguments.hours,
     };
+    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     write_whole(&out.join("init.safetensors"), &init).context("init.safetensors")?;
     let plan = Plan::of(request, out)?;
     let place = Adaptation { out, plan };
@@ -133,12 +131,9 @@ impl Adaptation<'_> {
     fn train(&self) -> Result<()> {
         print_err("step 3 of 4: train");
         let (request, scans) = (&self.plan.request, self.out.join("scans"));
-        let settings = TrainSettings {
-            steps: self.plan.steps,
-            // Both are done here, once.
-            validate_frames: 0,
-            ..request.settings(&scans, &self.run_folder(), self.out)
-        };
+        let mut settings = request.settings(&scans, &self.run_folder(), self.out);
+        // Both are done here, once.
+        (settings.steps, settings.validate_frames) = (self.plan.steps, 0);
         train(&settings).map(drop)
     }
 
@@ -160,15 +155,10 @@ impl Adaptation<'_> {
         let (set, frames, judgement) = self.judge(&train)?;
         manifest.provenance.threshold_choice = "one half: more likely unknown than known".into();
         let sensor = &self.plan.request.sensor;
-        let (beams, units) = (
-            sensor.elevations_deg.len() as f32,
-            sensor.units.len().max(1),
-        );
-        let around_deg = sensor.field_deg.map_or(360.0, |[_, width_deg]| width_deg);
-        let returns = beams * units as f32 * around_deg / sensor.azimuth_step_deg;
-        let mut takes = Takes::like(beams, returns, sensor.height_m.unwrap_or_default());
+        let beams = sensor.elevations_deg.len() as f32;
+        let mut takes = Takes::like(beams, rays(sensor), sensor.height_m.unwrap_or_default());
         // Units may look in directions of their own.
-        takes.beams[1] *= units as u32;
+        takes.beams[1] *= sensor.units.len().max(1) as u32;
         if sensor.height_m.is_none() {
             // Simulated at any height.
             takes.height_m = manifest.takes().height_m;

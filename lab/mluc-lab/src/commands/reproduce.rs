@@ -2,7 +2,7 @@
 
 use super::terminal::{Progress, Threads, one_of, print_out};
 use super::train::commit;
-use anyhow::{Context, bail};
+use anyhow::{Context, ensure};
 use clap::Args;
 use mluc_dataset::Splits;
 use mluc_reproduce::{Layout, Options, Screen, Setting, Size, run};
@@ -16,7 +16,7 @@ use std::path::PathBuf;
 #[derive(Args)]
 pub(crate) struct ReproduceArguments {
     /// Only this setting: udi (industrial park, all around) or kitti (streets, ahead) [default: both, simulated].
-    #[arg(long, value_parser = one_of(&[Setting::SimUdi, Setting::SimKitti], Setting::trainer_name))]
+    #[arg(long, value_parser = one_of(&[Setting::SimUdi, Setting::SimKitti], Setting::trainer_name), conflicts_with = "dataset")]
     setting: Option<Setting>,
     /// Networks of the kinds that naive, MLUC and mluc-full run on: their rows then have a spread over seeds.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=20))]
@@ -71,11 +71,14 @@ impl ReproduceArguments {
         };
         let runs = self.runs.clone().unwrap_or_else(|| below("runs"));
         let settings = match (&self.dataset, self.setting) {
-            (Some(_), None) => vec![Setting::Kitti],
-            (Some(_), Some(_)) => bail!("--setting: expected none beside --dataset, found one"),
+            (Some(_), _) => vec![Setting::Kitti],
             (None, Some(setting)) => vec![setting],
             (None, None) => vec![Setting::SimUdi, Setting::SimKitti],
         };
+        ensure!(
+            self.real.is_empty() || settings.contains(&Setting::SimKitti),
+            "--real: expected --setting kitti or both settings, found others"
+        );
         let kitti = self.root.as_ref().map(|root| Splits {
             root: root.clone(),
             folder: self.splits.clone(),

@@ -16,7 +16,8 @@ pub(crate) struct SimulateArguments {
     options: ExportOptions,
     /// Leave out steps that bring simulated scans closer to recorded ones, to measure what they are worth (comma separated): rings (uneven beams, phases, two
     /// origins), noise, drop (lost returns, rays through windows), sizes (every object of a class at its mean size, exact labels), or a kind of background:
-    /// confusers (things of a car's size that are none), frontage, furniture, vegetation, street, weather. Not for training a model that is to be used.
+    /// confusers (things of a car's size that are none), frontage, furniture, vegetation, street, weather. rings and noise are of the HDL-64E, street and weather
+    /// of sim-any. Not for training a model that is to be used.
     #[arg(long, value_parser = one_of(&Step::ALL, Step::name), hide_possible_values = true)]
     #[arg(value_delimiter = ',', value_name = "STEP,..")]
     without: Vec<Step>,
@@ -26,19 +27,20 @@ pub(crate) struct SimulateArguments {
 
 pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
     arguments.threads.start()?;
-    let mut options = ExportOptions {
-        realism: Realism::without(&arguments.without),
-        ..arguments.options
-    };
-    let scanned_by = options.scanned_by.take();
+    let mut options = arguments.options;
+    options.realism = Realism::without(&arguments.without);
+    let mut pair = options.clone();
+    // Without a separator at its end.
+    pair.folder = pair.folder.components().as_path().to_owned();
+    pair.folder.as_mut_os_string().push("-pair");
+    let has_pair = options.scanned_by.take().is_some();
+    if has_pair {
+        // Before hours are spent on the first.
+        pair.check()?;
+    }
     let name = export_with_progress(&options)?;
-    if scanned_by.is_some() {
-        options.scanned_by = scanned_by;
-        let mut pair = options.folder.clone().into_os_string();
-        pair.push("-pair");
-        let first = std::mem::replace(&mut options.folder, pair.into());
-        export_with_progress(&options)?;
-        options.folder = first;
+    if has_pair {
+        export_with_progress(&pair)?;
     }
     let (realism, folder) = (options.realism, options.folder.display());
     let total = options.indices().len();

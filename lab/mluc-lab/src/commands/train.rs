@@ -64,11 +64,8 @@ pub(super) fn tune_memory() {
 pub(crate) fn run(arguments: Train) -> anyhow::Result<()> {
     tune_memory();
     arguments.threads.start()?;
-    let commit = commit();
-    let settings = TrainSettings {
-        commit,
-        ..arguments.settings
-    };
+    let mut settings = arguments.settings;
+    settings.commit = commit();
     if arguments.stream {
         let is_osis = settings.kind == NetworkKind::Osis;
         anyhow::ensure!(!is_osis, "--stream: osis trains points, not a network");

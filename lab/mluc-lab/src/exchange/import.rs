@@ -143,11 +143,7 @@ pub enum SparseLayout {
 
 impl SparseLayout {
     /// Every layout that is read, the likeliest first.
-    pub const ALL: [SparseLayout; 3] = [
-        SparseLayout::OutTapsIn,
-        SparseLayout::TapsInOut,
-        SparseLayout::TapsOutIn,
-    ];
+    pub const ALL: [SparseLayout; 3] = [Self::OutTapsIn, Self::TapsInOut, Self::TapsOutIn];
 
     /// The shape in this layout of a tensor with shape `ours`.
     pub fn shape(self, [out, z, y, x, cin]: [usize; 5]) -> [usize; 5] {

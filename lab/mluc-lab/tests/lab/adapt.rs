@@ -40,4 +40,15 @@ fn a_model_is_adapted_once_and_goes_on_where_it_was() {
     folder.refuses(&adapt("--hours 2"), &others);
     folder.refuses(&adapt("--hours 0"), &["more than 0"]);
     folder.refuses(&adapt("--known car,tank"), &["expected one of car", "tank"]);
+    let few = "--known: expected 2 to 8 classes, found 1";
+    folder.refuses(&adapt("--known car"), &[few]);
+    folder.write("fine.toml", profile.replace("= 0.8", "= 0.004"));
+    let fine = ["expected at most 262144 rays", "found 540000"];
+    folder.refuses("adapt --sensor fine.toml --out b", &fine);
+
+    // A pair's folder is looked at first.
+    folder.write("c-pair/mine", "");
+    let pair = "simulate --family sim-any --split val --frames 1 --pair mine.toml --out c/";
+    folder.refuses(pair, &["c-pair: expected an empty or a new folder"]);
+    assert!(!folder.path("c").exists());
 }

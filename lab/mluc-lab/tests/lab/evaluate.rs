@@ -256,6 +256,15 @@ fn objects_on_no_label_are_counted_at_each_score() {
     let table = folder.run(&judging("operating", "a b", "--unknown van,truck"));
     let words = ["4 scans", "at most 0.3", "0.50 [0.00, 1.00]", "truck"];
     assert_has(&text(&table.stdout), &words);
+    // What lies on a truck is no false van.
+    folder.scene("c", NO_CAMERA, 1);
+    let truck = "Truck 0 0 0 0 0 100 100 3 2.5 8 9 1.7 20 0\n";
+    folder.write("c/label_2/000000.txt", format!("{LABELS}{truck}"));
+    let mut objects = folder.perfect_objects("c");
+    objects.push(object("unknown", "unknown", 0.95, folder.boxes("c")[3]));
+    folder.write("c/objects.jsonl", line("000000", objects));
+    let report = folder.json(&judging("operating", "c", OPEN_SET));
+    assert_eq!(report["by_range"]["van"]["15-30 m"]["ap_all"], 100.0);
 }
 
 #[test]
@@ -309,6 +318,10 @@ fn a_model_is_judged_and_faults_are_named() {
     let words = ["frame 000001: expected", "found"];
     let refuses = || folder.refuses(&model("--parts part1"), &words);
     folder.with("part1", cut, refuses);
+    let more = |bytes: &[u8]| [bytes, b"0"].concat();
+    let words = ["expected no bytes behind", "found 1"];
+    let refuses = || folder.refuses(&model("--parts part1"), &words);
+    folder.with("part1", more, refuses);
     let table = folder.run(&model("--refiner range-scaled --write-profiles"));
     let words = ["closed set", "written: profile quiet"];
     assert_has(&text(&table.stdout), &words);

@@ -70,5 +70,13 @@ fn faults_are_told_with_what_was_expected_and_found() {
     // Recorded scans are looked at first.
     let real = "reproduce --quick --real nowhere --data made --runs runs --out out";
     folder.refuses(real, &["nowhere"]);
+    folder.refuses(&format!("{real} --setting udi"), &["--setting kitti"]);
+    // So are the lists of both splits.
+    for file in ["velodyne/0.bin", "label_2/0.txt", "calib/0.txt"] {
+        folder.write(&format!("kitti/training/{file}"), [0u8; 16]);
+    }
+    folder.write("kitti/ImageSets/train.txt", "0\n");
+    let kitti = "reproduce --dataset kitti --root kitti --data made --runs runs --out out";
+    folder.refuses(kitti, &["split val", "val.txt"]);
     assert!(!folder.path("made").exists());
 }

@@ -146,11 +146,14 @@ fn a_model_that_was_worked_on_since_stays_as_it_is() {
     let steps = "--steps 2";
     place.trained("run", steps);
     let mut model = Model::from_bytes(&place.model("run")).expect("a model");
-    model.manifest.provenance.threshold_choice = "chosen by hand".into();
-    let bytes = model_bytes(&model.manifest, &model.weights).expect("a model");
-    place.write("run/model.safetensors", &bytes);
-    assert!(place.trained("run", steps).contains("it stays as it is"));
-    assert_eq!(place.model("run"), bytes);
+    for choices in [["by hand", ""], ["", "by hand"]] {
+        let from = &mut model.manifest.provenance;
+        [from.threshold_choice, from.profile_choice] = choices.map(str::to_owned);
+        let bytes = model_bytes(&model.manifest, &model.weights).expect("a model");
+        place.write("run/model.safetensors", &bytes);
+        assert!(place.trained("run", steps).contains("it stays as it is"));
+        assert_eq!(place.model("run"), bytes);
+    }
     place.refuses_to_train("run", ONE, &["expected a run of at most 1 steps"]);
 }
 

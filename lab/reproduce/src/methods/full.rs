@@ -43,7 +43,8 @@ pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
         }
         if !has_logit {
             let boxes = frame.detections.iter_mut();
-            boxes.for_each(|d| d.unknown_probability = probability_by_distance(d.delta));
+            let p = |delta: f32| 1.0 / (1.0 + (-(delta - DELTA_HALF) / DELTA_WIDTH).exp());
+            boxes.for_each(|d| d.unknown_probability = p(d.delta));
         }
         frame
     };
@@ -64,8 +65,3 @@ pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
 /// prototype's 0 and the midpoint's 0.5.
 const DELTA_HALF: f32 = 0.25;
 const DELTA_WIDTH: f32 = 0.08;
-
-/// P(unknown) from the distance to the nearest prototype.
-fn probability_by_distance(delta: f32) -> f32 {
-    1.0 / (1.0 + (-(delta - DELTA_HALF) / DELTA_WIDTH).exp())
-}

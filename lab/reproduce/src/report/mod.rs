@@ -8,6 +8,6 @@ pub(crate) mod figure5;
 mod page;
 mod pages;
 
-pub(crate) use data::{MeanSpread, MethodFigures, ReproductionReport, SpreadKind};
+pub(crate) use data::{MethodFigures, ReproductionReport, SpreadKind};
 pub(crate) use page::page;
 pub(crate) use pages::{DrawnScene, Panel, figure6};

@@ -142,16 +142,11 @@ mod tests {
 
     #[test]
     fn sizes_meet_the_published_means() {
-        for (class, family) in [
-            (Class::Car, Family::SimKitti),
-            (Class::Car, Family::SimUdi),
-            (Class::Van, Family::SimKitti),
-            (Class::Truck, Family::SimUdi),
-            (Class::Pedestrian, Family::SimUdi),
-            (Class::Cyclist, Family::SimUdi),
-            (Class::GolfCart, Family::SimUdi),
-            (Class::Forklift, Family::SimUdi),
-        ] {
+        use Class::*;
+        let kitti = [Car, Van].map(|class| (class, Family::SimKitti));
+        let udi = [Car, Truck, Pedestrian, Cyclist, GolfCart, Forklift];
+        let udi = udi.map(|class| (class, Family::SimUdi));
+        for (class, family) in kitti.into_iter().chain(udi) {
             let size = |i| build(class, family, Realism::FULL, &mut Dice::new(&[9, i])).size_m();
             let mean = (0..300).map(size).sum::<V3>() / 300.0;
             let expected = mean_size_m(class, family);

@@ -19,7 +19,10 @@ pub fn bird_eye(points: &[[f32; 4]], boxes: &[DrawnBox], view: &View) -> Canvas 
     }
     let bounds = |b| corners_px(b, view).map(|corners| (b, bounds_px(&corners)));
     draw_captions(&mut canvas, boxes.iter().filter_map(bounds).collect());
-    draw_sensor(&mut canvas, view);
+    // The sensor, and where it looks.
+    let (center, tip) = (view.at(0.0, 0.0), view.at(1.8, 0.0));
+    canvas.line(center, tip, 2.0, [240, 240, 240], 0.9);
+    canvas.ring(center, 4.0, 2.0, [240, 240, 240], 0.9);
     draw_legend(&mut canvas, boxes, &view.title, RAMP_M);
     canvas
 }
@@ -119,12 +122,6 @@ pub(super) fn draw_captions(canvas: &mut Canvas, mut order: Vec<(&DrawnBox, [i64
         canvas.rectangle([x - 1, y - 1], end, NIGHT, 0.6);
         canvas.text([x, y], &drawn.caption, 1, color_of(drawn));
     }
-}
-
-fn draw_sensor(canvas: &mut Canvas, view: &View) {
-    let (center, tip) = (view.at(0.0, 0.0), view.at(1.8, 0.0));
-    canvas.line(center, tip, 2.0, [240, 240, 240], 0.9);
-    canvas.ring(center, 4.0, 2.0, [240, 240, 240], 0.9);
 }
 
 #[cfg(test)]

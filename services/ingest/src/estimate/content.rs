@@ -72,8 +72,7 @@ impl Content {
                 self.intensity_max = self.intensity_max.max(point.intensity);
             }
         }
-        let median = self.range(0.5);
-        self.unit = match median {
+        self.unit = match self.range(0.5) {
             m if m > MILLIMETRES_FROM => Unit::Millimetre,
             m if m > CENTIMETRES_FROM => Unit::Centimetre,
             _ => Unit::Metre,

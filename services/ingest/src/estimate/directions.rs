@@ -67,15 +67,12 @@ impl Directions {
 
     /// A sector with fewer returns than a tenth of the median sector is empty.
     pub(super) fn is_empty(&self, sector: usize) -> bool {
-        self.counts[sector] * 10 <= self.median_count()
-    }
-
-    fn median_count(&self) -> u32 {
         let mut counts = self.counts;
         counts.sort_unstable();
         // Of a sensor that looks ahead alone, more than half are empty.
         let filled = counts.iter().position(|count| *count > 0);
-        filled.map_or(0, |first| counts[(first + SECTORS) / 2])
+        let median = filled.map_or(0, |first| counts[(first + SECTORS) / 2]);
+        self.counts[sector] * 10 <= median
     }
 
     /// Middle and width of the field, degrees: what the largest gap leaves.

@@ -153,12 +153,9 @@ mod tests {
             (from as f32 * SECTOR_DEG * 4.0) as usize..(to as f32 * SECTOR_DEG * 4.0) as usize;
         let azimuths = degrees.map(|quarter| (quarter as f32 * 0.25 + 0.1).to_radians());
         let at = |azimuth: f32| {
-            (4..30).map(move |range| Point {
-                x_m: range as f32 * azimuth.cos(),
-                y_m: range as f32 * azimuth.sin(),
-                z_m: -1.7,
-                intensity: 0.1,
-            })
+            let (sin, cos) = azimuth.sin_cos();
+            let at = move |range_m: f32| [range_m * cos, range_m * sin, -1.7, 0.1];
+            (4u8..30).map(move |range| bytemuck::cast::<_, Point>(at(range.into())))
         };
         azimuths.flat_map(at).collect()
     }
@@ -198,13 +195,8 @@ mod tests {
         view.look(&whole);
         assert_eq!(view.blind(), 0);
         // What the tape gives back is no sight.
-        let near = |p: &Point| Point {
-            x_m: p.x_m * 0.005,
-            y_m: p.y_m * 0.005,
-            z_m: 0.0,
-            ..*p
-        };
-        let tape: Vec<Point> = whole.iter().map(near).collect();
+        let near = |p: &Point| [p.x_m * 0.005, p.y_m * 0.005, 0.0, p.intensity];
+        let tape: Vec<Point> = whole.iter().map(|p| bytemuck::cast(near(p))).collect();
         assert_eq!(looked(&mut view, &tape), ((1 << 36) - 1, true));
         assert_eq!(looked(&mut view, &[]), ((1 << 36) - 1, true));
         view.clear();

@@ -39,11 +39,12 @@ pub(crate) fn config(prints: bool, pipeline: PipelineArgs) -> Result<ExitCode> {
 }
 
 /// `mluc reload`: asks the supervisor for a look at its settings, and says what came of it.
-pub(crate) fn reload(name: &str) -> Result<ExitCode> {
+pub(crate) fn reload(name: Option<&str>) -> Result<ExitCode> {
     let instance = observe::instance(name)?;
     let supervisor = ClaimNote::of_living(&instance, "pipeline");
     let supervisor = supervisor.and_then(|note| Pid::from_raw(note.pid as i32));
-    let supervisor = supervisor.with_context(|| format!("no `mluc up` runs as '{name}'"))?;
+    let about = || format!("no `mluc up` runs as '{}'", instance.name());
+    let supervisor = supervisor.with_context(about)?;
     let mut control = ControlWatch::new(&instance);
     let before = control.look().answer.0;
     kill_process(supervisor, Signal::HUP).context("asking the supervisor")?;

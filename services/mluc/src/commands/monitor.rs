@@ -30,7 +30,7 @@ pub(crate) fn loopback(text: &str) -> Result<SocketAddr, String> {
     address.ok_or("expected 127.0.0.1:PORT or [::1]:PORT; a proxy may let others in".to_string())
 }
 
-pub(crate) fn monitor(name: &str, address: SocketAddr) -> anyhow::Result<ExitCode> {
+pub(crate) fn monitor(name: Option<&str>, address: SocketAddr) -> anyhow::Result<ExitCode> {
     log_to_stderr("monitor", "info");
     let mut observer = Observer::open(&instance(name)?)?;
     let listener = TcpListener::bind(address).with_context(|| format!("listening at {address}"))?;

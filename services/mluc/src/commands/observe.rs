@@ -31,8 +31,9 @@ pub(super) struct Snapshot {
     pub(super) control: Control,
 }
 
-pub(super) fn instance(name: &str) -> Result<Instance, UsageError> {
-    Instance::new(name).map_err(|error| UsageError(error.to_string()))
+pub(super) fn instance(name: Option<&str>) -> Result<Instance, UsageError> {
+    let instance = name.map_or_else(Instance::from_environment, Instance::new);
+    instance.map_err(|error| UsageError(error.to_string()))
 }
 
 impl Observer {

@@ -10,10 +10,9 @@ use mluc_sources::{Recorded, place};
 use serde_json::{Value, json};
 
 use crate::settings::{Pace, Settings, StageSettings};
-use crate::supervisor::{Left, Sink, run};
-use crate::terminal::{print_err, print_out};
+use crate::supervisor::{Left, LineWriter, Sink, run};
 use crate::{EXIT_FAILURE, UsageError, model};
-use crate::{cli::PipelineArgs, stages::played};
+use crate::{cli::PipelineArgs, external::own_program, stages::played, terminal::print_err};
 
 /// Every recorded scan goes through the pipeline. Exit code 1: other objects, or no frame to compare.
 pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Result<ExitCode> {
@@ -21,13 +20,15 @@ pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Res
     let shutdown = Shutdown::on_signals()?;
     let input = args.input.clone();
     let input = input.ok_or(UsageError("expected --input RUN.mcap, found none".into()))?;
-    (args.pace, args.repeat) = (Some(Pace::Complete), false);
+    args.pace = Some(Pace::Complete);
     let mut settings = Settings::resolve(args.clone())?;
+    settings.repeat = false;
     let shard = settings.layout.shard;
     if let Some(from) = from {
         play(&mut settings, &input, from)?;
     }
     let mut compared = Compared {
+        writer: LineWriter::new(settings.pace),
         recorded: Recorded::open(&input, line_topic().name, "mluc record")?,
         has_played: from.is_some(),
         shard,
@@ -37,7 +38,9 @@ pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Res
         without: 0,
         models: None,
     };
-    let outcome = run(args, settings, shutdown, &mut compared)?;
+    let outcome = run(args, settings, shutdown.clone(), &mut compared);
+    let written = compared.writer.finish(|| shutdown.is_requested());
+    let outcome = outcome?;
     let (same, other) = (compared.same, compared.other);
     let (degraded, without) = (compared.degraded, compared.without);
     print_err(format_args!(
@@ -50,6 +53,7 @@ pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Res
             "recorded with model {recorded}, replayed with {found}: name the same with --model"
         ));
     }
+    written?;
     let is_same = same > 0 && other == 0 && outcome.frames_lost() == 0;
     Ok(ExitCode::from(if is_same { 0 } else { EXIT_FAILURE }))
 }
@@ -61,7 +65,7 @@ fn play(settings: &mut Settings, input: &Path, from: Stage) -> anyhow::Result<()
         let fingerprint = model::load_for(settings)?.fingerprint;
         played::parse::<u8>(&message, fingerprint).context("name the same model with --model")?;
     }
-    let program = std::env::current_exe().context("finding this program's file")?;
+    let program = own_program();
     let program = program.to_string_lossy();
     let stage = |stage: Stage| StageSettings {
         command: Some(
@@ -79,6 +83,7 @@ fn play(settings: &mut Settings, input: &Path, from: Stage) -> anyhow::Result<()
 }
 
 struct Compared {
+    writer: LineWriter,
     recorded: Recorded,
     /// Stages publish what was recorded; a frame of which nothing was is flagged `degraded`.
     has_played: bool,
@@ -121,9 +126,13 @@ impl Sink for Compared {
         } else {
             self.other += 1;
             let of = |line: &Value| json!({"objects": line["objects"], "suppressed": line["suppressed"]});
-            let (recorded, found) = (of(&recorded), of(&found));
-            print_out(json!({"scan": scan, "recorded": recorded, "found": found}))?;
+            let told = json!({"scan": scan, "recorded": of(&recorded), "found": of(&found)});
+            return self.writer.write(&told);
         }
         Ok(true)
+    }
+
+    fn is_behind(&self) -> bool {
+        self.writer.is_behind()
     }
 }

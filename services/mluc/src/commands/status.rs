@@ -12,11 +12,11 @@ use crate::terminal::print_out;
 /// Three heartbeats.
 pub(super) const LISTEN: Duration = Duration::from_millis(350);
 
-pub(crate) fn status(name: &str, is_json: bool) -> anyhow::Result<ExitCode> {
+pub(crate) fn status(name: Option<&str>, is_json: bool) -> anyhow::Result<ExitCode> {
     log_to_stderr("status", "warn");
     let instance = instance(name)?;
     if !instance.root().exists() {
-        bail!("no pipeline runs under the name '{name}'");
+        bail!("no pipeline runs under the name '{}'", instance.name());
     }
     let mut observer = Observer::open(&instance)?;
     std::thread::sleep(LISTEN);

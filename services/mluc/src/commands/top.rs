@@ -18,7 +18,7 @@ const COMPLAINTS_MAX: usize = 6;
 /// Clears a terminal.
 const CLEAR: &str = "\x1b[2J\x1b[H";
 
-pub(crate) fn top(name: &str, is_once: bool) -> anyhow::Result<ExitCode> {
+pub(crate) fn top(name: Option<&str>, is_once: bool) -> anyhow::Result<ExitCode> {
     log_to_stderr("top", "warn");
     let mut observer = Observer::open(&instance(name)?)?;
     let is_screen = std::io::stdout().is_terminal() && !is_once;

@@ -17,18 +17,18 @@ pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     let shutdown = Shutdown::on_signals()?;
     let settings = Settings::resolve(args.clone())?;
     let mut lines = Lines {
-        writer: LineWriter::new(settings.pace, std::io::stdout()),
+        writer: LineWriter::new(settings.pace),
         has_status: settings.status_lines,
         summary: Summary::default(),
     };
-    let outcome = run(args, settings, shutdown.clone(), &mut lines)?;
-    let (writer, summary) = (lines.writer, lines.summary);
-    let written = writer.finish(|| shutdown.is_requested());
+    let outcome = run(args, settings, shutdown.clone(), &mut lines);
+    let written = lines.writer.finish(|| shutdown.is_requested());
+    let outcome = outcome?;
     print_err(outcome.latencies.table().trim_end());
     print_err(hops(&outcome.status).trim_end());
     let (frames_in, frames_out) = (outcome.frames_in, outcome.frames_out);
     let (lost, restarts) = (outcome.frames_lost(), outcome.restarts);
-    let under_way = match outcome.frames_under_way() {
+    let under_way = match frames_in.saturating_sub(frames_out + lost) {
         0 => String::new(),
         count => format!(", {count} under way at the end"),
     };
@@ -46,7 +46,7 @@ pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
         let why = "the reader of stdout was too slow";
         print_err(format_args!("{unread} lines dropped: {why}"));
     }
-    Ok(summary.exit_code(&outcome))
+    Ok(lines.summary.exit_code(&outcome))
 }
 
 struct Lines {
@@ -107,13 +107,15 @@ impl Summary {
         if let Some(flags) = self.flags() {
             print_err(flags);
         }
-        if self.is_useless() {
-            print_err(
-                "no frame was usable: fewer than 5 % of the points of each are finite and in the model's range; are the files scans?",
-            );
-            return ExitCode::from(EXIT_FAILURE);
-        }
-        outcome.exit_code()
+        let why = if self.is_useless() {
+            "fewer than 5 % of the points of each are finite and in the model's range; are the files scans?"
+        } else if self.frames + outcome.frames_in == 0 && !outcome.is_interrupted {
+            "the input gave no scan"
+        } else {
+            return outcome.exit_code();
+        };
+        print_err(format_args!("no frame was usable: {why}"));
+        ExitCode::from(EXIT_FAILURE)
     }
 }
 

@@ -2,16 +2,14 @@
 
 use anyhow::ensure;
 use mluc_backbone::{Backbone, Precision};
-use mluc_ipc_types::{
-    FeatureBlock, FeatureRows, Flags, FrameHeader, Point, Stage, Topic, feature_blocks,
-};
+use mluc_ipc_types::{FeatureBlock, FeatureRows, Flags, FrameHeader, Point, Stage, feature_blocks};
 use mluc_model::{Model, Network};
-use mluc_runtime::{Algorithm, Frames, Shell, StageError, StageInput, run_stage};
+use mluc_runtime::{Algorithm, Shell, StageError, run_stage};
 
 use super::models::Models;
 use crate::settings::Settings;
 
-struct BackboneStage {
+pub(super) struct BackboneStage {
     models: Models<Backbone>,
     rows: usize,
 }
@@ -25,8 +23,6 @@ pub(crate) fn run(
     let precision = settings.precision;
     let backbone = make(model, precision, warms_up)?;
     let blocks = blocks_max(&model.manifest.network);
-    let output = shell.output(&Topic::FEATURES, blocks)?;
-    let frames = Frames::new(shell, &Topic::POINTS, None)?;
     let make_next = move |model: &Model| {
         let found = blocks_max(&model.manifest.network);
         ensure!(
@@ -37,7 +33,7 @@ pub(crate) fn run(
     };
     let models = Models::new(shell, model, backbone, make_next);
     let stage = BackboneStage { models, rows: 0 };
-    Ok(run_stage(shell, frames, output, stage)?)
+    Ok(run_stage(shell, blocks, stage)?)
 }
 
 /// Of a features message.
@@ -65,9 +61,10 @@ impl Algorithm for BackboneStage {
     fn run(
         &mut self,
         header: &mut FrameHeader,
-        input: StageInput<'_, Point>,
+        elements: &[Point],
+        _: Option<&[Point]>,
     ) -> Result<usize, StageError> {
-        let points = Point::checked(header, input.elements)?;
+        let points = Point::checked(header, elements)?;
         let (backbone, _) = self.models.of_frame(header)?;
         let frame = backbone.run(bytemuck::cast_slice(points));
         header.points_out_of_range = frame.points.out_of_range;

@@ -2,14 +2,14 @@
 
 use mluc_head::{Head, stand_on_ground};
 use mluc_ipc_types::{
-    DETECTIONS_MAX, Detection, FeatureBlock, FeatureRows, Flags, FrameHeader, Stage, Topic,
+    DETECTIONS_MAX, Detection, FeatureBlock, FeatureRows, Flags, FrameHeader, Point, Stage,
 };
 use mluc_model::Model;
-use mluc_runtime::{Algorithm, Frames, Scans, Shell, StageError, StageInput, run_stage};
+use mluc_runtime::{Algorithm, Shell, StageError, run_stage};
 
 use super::models::Models;
 
-struct HeadStage {
+pub(super) struct HeadStage {
     /// With cells of the map, channels and nodes of the ground.
     models: Models<(Head, [usize; 3])>,
     detections: Vec<Detection>,
@@ -26,9 +26,7 @@ pub(crate) fn run(shell: &mut Shell, model: &Model) -> anyhow::Result<()> {
         models: Models::new(shell, model, make(model)?, make),
         detections: Vec::with_capacity(DETECTIONS_MAX),
     };
-    let output = shell.output(&Topic::DETECTIONS, DETECTIONS_MAX)?;
-    let frames = Frames::new(shell, &Topic::FEATURES, Some(Scans::open(shell, false)?))?;
-    Ok(run_stage(shell, frames, output, stage)?)
+    Ok(run_stage(shell, DETECTIONS_MAX, stage)?)
 }
 
 impl Algorithm for HeadStage {
@@ -39,14 +37,14 @@ impl Algorithm for HeadStage {
     fn run(
         &mut self,
         header: &mut FrameHeader,
-        input: StageInput<'_, FeatureBlock>,
+        elements: &[FeatureBlock],
+        _: Option<&[Point]>,
     ) -> Result<usize, StageError> {
         let ((head, [cells, channels, ground_nodes]), thresholds) = self.models.of_frame(header)?;
         if let Some((gate, _)) = thresholds {
             head.set_gate(gate);
         }
-        let features =
-            FeatureRows::checked(header, input.elements, *cells, *channels, *ground_nodes)?;
+        let features = FeatureRows::checked(header, elements, *cells, *channels, *ground_nodes)?;
         let FeatureRows { cells, rows, .. } = features;
         let counts = head.run(cells, rows, &mut self.detections);
         let counts = counts.map_err(StageError::failed)?;

@@ -4,9 +4,9 @@ mod pace;
 mod sender;
 
 use anyhow::Context;
-use mluc_ipc_types::{Health, HealthState, Stage};
+use mluc_ipc_types::{Health, HealthState, Stage, Status, Topic};
 use mluc_model::Model;
-use mluc_runtime::Shell;
+use mluc_runtime::{Shell, monotonic_ns};
 
 use super::begin_or_join_run;
 use crate::UsageError;
@@ -14,32 +14,60 @@ use crate::settings::{Pace, Settings};
 use mluc_sources::Open;
 use sender::Sender;
 
+/// `start_sequence`: given by the supervisor; `None`: somebody else started this process.
 pub(crate) fn run(
     shell: &mut Shell,
     settings: &Settings,
     model: &Model,
-    start_sequence: u64,
+    start_sequence: Option<u64>,
     open: Open,
 ) -> anyhow::Result<()> {
     let source = settings.source(open)?;
     let source = source.ok_or_else(|| UsageError("ingest needs --input".to_string()))?;
     if begin_or_join_run(shell, settings, model)?.is_none() {
-        return Ok(());
+        return Ok(shell.state(HealthState::Stopping, Health::ASKED_TO_END)?);
     }
+    let first = match start_sequence {
+        None if !shell.describes_run() => next_sequence(shell)?,
+        given => given.unwrap_or(0),
+    };
     let sensor = settings.sensor.load()?;
-    let sender = Sender::new(shell, source, model, sensor, start_sequence);
+    let sender = Sender::new(shell, source, model, sensor, first);
     let mut sender = sender.context("opening the topics")?;
-    // A sensor that comes back does not wait: a stage that is restarted too takes the next scan.
-    if start_sequence == 0 {
+    if first == 0 {
         sender.wait_until_ready()?;
+    } else {
+        // A sensor that comes back does not wait: a stage that is restarted too takes the next scan. A capture is read on to
+        // that scan, which may take longer than a start: heartbeats count from here on.
+        let reason = format!("waiting for scan {first}");
+        sender.shell.state(HealthState::WaitingInput, &reason)?;
     }
     let done = match settings.pace {
-        Pace::Sensor => pace::sensor(&mut sender, settings, start_sequence),
-        Pace::Complete => pace::complete(&mut sender, settings, start_sequence),
+        Pace::Sensor => pace::sensor(&mut sender, settings, first),
+        Pace::Complete => pace::complete(&mut sender, settings, first),
     };
     let was_asked = sender.shell.is_stopping();
     let reason = if was_asked { Health::ASKED_TO_END } else { "" };
     sender.shell.state(HealthState::Stopping, reason)?;
-    sender.shell.beat()?;
     done.with_context(|| Stage::Ingest.name())
+}
+
+/// The first sequence in the run of a supervisor: behind the scans that an ingest before this one has sent, which that supervisor has counted.
+fn next_sequence(shell: &mut Shell) -> anyhow::Result<u64> {
+    let begun_ns = monotonic_ns();
+    let mut statuses = shell.side_input::<Status>(&Topic::STATUS)?;
+    shell.state(HealthState::WaitingInput, "waiting for the supervisor")?;
+    while !shell.is_stopping() {
+        if let Some(message) = statuses.newest()?
+            && let [status] = message.elements()
+            && status.checked().is_ok()
+            && shell.run().is_some_and(|run| run.run_id == status.run_id)
+            && status.judged_ns >= begun_ns
+        {
+            return Ok(status.frames_in);
+        }
+        shell.tick()?;
+        std::thread::sleep(pace::POLL_INTERVAL);
+    }
+    Ok(0)
 }

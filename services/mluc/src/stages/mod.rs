@@ -7,7 +7,7 @@ mod models;
 pub(crate) mod played;
 mod refiner;
 
-use std::time::Duration;
+use std::{process::Command, time::Duration};
 
 use anyhow::{Context, bail};
 use mluc_head::gate::{main_gate, threshold_of};
@@ -42,6 +42,15 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
     if let Some(cpus) = &own.cpus {
         pin(cpus)?;
     }
+    // A stage of the supervisor's has it since its start.
+    if let (Some(priority), None) = (own.priority, args.supervised_by) {
+        let numbers = [u32::from(priority), std::process::id()].map(|n| n.to_string());
+        let mut chrt = Command::new("chrt");
+        let _ = chrt.args(["--fifo", "--pid"]).args(numbers).output();
+        if let Err(error) = own.check_right(stage.name()) {
+            tracing::warn!("{error}; the stage runs without it");
+        }
+    }
     if own.lock_memory
         && let Err(why) = lock_memory()
     {
@@ -62,7 +71,8 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
     let done = match stage {
         Stage::Ingest => {
             let open = open.unwrap_or(Source::open);
-            ingest::run(&mut shell, &settings, &model, args.start_sequence, open)
+            let start_sequence = args.supervised_by.map(|_| args.start_sequence);
+            ingest::run(&mut shell, &settings, &model, start_sequence, open)
         }
         Stage::Backbone | Stage::Head if args.played_to.is_some() => {
             played::run(&mut shell, &settings, &model, stage, args.played_to)

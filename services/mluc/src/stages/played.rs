@@ -1,27 +1,24 @@
 //! A stage that computes nothing: it publishes what a recording of `mluc record --stages` has of it.
 
-use std::marker::PhantomData;
-
 use anyhow::{Context, ensure};
 use mluc_gateway::ros2::{BYTES_AT, stage_topic};
-use mluc_ipc_types::{
-    DETECTIONS_MAX, Detection, FeatureBlock, Flags, FrameHeader, Point, Stage, Topic,
-};
+use mluc_ipc_types::{DETECTIONS_MAX, Flags, FrameHeader, Point, Stage};
 use mluc_model::Model;
-use mluc_runtime::{Algorithm, Frames, Payload, Scans, Shell, StageError, StageInput, run_stage};
+use mluc_runtime::{Algorithm, Shell, StageError, run_stage};
 use mluc_sources::{Recorded, place};
 
-use super::backbone::blocks_max;
+use super::backbone::{BackboneStage, blocks_max};
+use super::head::HeadStage;
 use crate::settings::Settings;
 
-struct Played<I, O, const STAGE: usize> {
+/// Stands in for the stage `A`.
+struct Played<A: Algorithm> {
     /// `None`: no later stage computes with what this one publishes.
     recorded: Option<Recorded>,
     shard: Option<[u32; 2]>,
     sequence: Option<u64>,
     /// Of that sequence; `None`: it was not recorded.
-    message: Option<(FrameHeader, Vec<O>)>,
-    input: PhantomData<I>,
+    message: Option<(FrameHeader, Vec<A::Output>)>,
 }
 
 /// `to`: the first stage that computes. The recording is the input.
@@ -38,18 +35,13 @@ pub(super) fn run(
     let recorded = is_last.then(|| open(path, stage)).transpose()?;
     Ok(match stage {
         Stage::Backbone => {
-            let output = shell.output(&Topic::FEATURES, blocks_max(&model.manifest.network))?;
-            let frames = Frames::new(shell, &Topic::POINTS, None)?;
-            let played =
-                Played::<Point, FeatureBlock, { Stage::Backbone as usize }>::new(recorded, shard);
-            run_stage(shell, frames, output, played)
+            let blocks = blocks_max(&model.manifest.network);
+            let played = Played::<BackboneStage>::new(recorded, shard);
+            run_stage(shell, blocks, played)
         }
         _ => {
-            let output = shell.output(&Topic::DETECTIONS, DETECTIONS_MAX)?;
-            let frames = Frames::new(shell, &Topic::FEATURES, Some(Scans::open(shell, false)?))?;
-            let played =
-                Played::<FeatureBlock, Detection, { Stage::Head as usize }>::new(recorded, shard);
-            run_stage(shell, frames, output, played)
+            let played = Played::<HeadStage>::new(recorded, shard);
+            run_stage(shell, DETECTIONS_MAX, played)
         }
     }?)
 }
@@ -83,27 +75,27 @@ pub(crate) fn parse<O: bytemuck::Pod>(
     Ok((header, elements.collect()))
 }
 
-impl<I, O, const STAGE: usize> Played<I, O, STAGE> {
-    fn new(recorded: Option<Recorded>, shard: Option<[u32; 2]>) -> Played<I, O, STAGE> {
+impl<A: Algorithm> Played<A> {
+    fn new(recorded: Option<Recorded>, shard: Option<[u32; 2]>) -> Played<A> {
         Played {
             recorded,
             shard,
             sequence: None,
             message: None,
-            input: PhantomData,
         }
     }
 }
 
-impl<I: Payload, O: Payload, const STAGE: usize> Algorithm for Played<I, O, STAGE> {
-    const STAGE: Stage = Stage::ALL[STAGE];
-    type Input = I;
-    type Output = O;
+impl<A: Algorithm> Algorithm for Played<A> {
+    const STAGE: Stage = A::STAGE;
+    type Input = A::Input;
+    type Output = A::Output;
 
     fn run(
         &mut self,
         header: &mut FrameHeader,
-        _input: StageInput<'_, I>,
+        _: &[A::Input],
+        _: Option<&[Point]>,
     ) -> Result<usize, StageError> {
         let Some(recorded) = &mut self.recorded else {
             return Ok(0);
@@ -129,7 +121,7 @@ impl<I: Payload, O: Payload, const STAGE: usize> Algorithm for Played<I, O, STAG
         Ok(elements.len())
     }
 
-    fn write(&mut self, output: &mut [O]) -> Result<(), StageError> {
+    fn write(&mut self, output: &mut [A::Output]) -> Result<(), StageError> {
         if let Some((_, elements)) = &self.message {
             output.copy_from_slice(elements);
         }

@@ -6,8 +6,7 @@ use mluc_ipc_types::{
 use mluc_model::Model;
 use mluc_refiner::{EgoEstimator, Refiner, RefinerOutput, Tracker};
 use mluc_runtime::{
-    Algorithm, Frames, Output, RuntimeError, Scans, Shell, StageError, StageInput, monotonic_ns,
-    run_stage, stamp_published,
+    Algorithm, Output, RuntimeError, Shell, StageError, monotonic_ns, run_stage, stamp_published,
 };
 
 use super::models::Models;
@@ -27,19 +26,15 @@ pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyh
     let time_max_ns = (settings.refiner.time_max_ms * 1e6) as u64;
     let own = settings.refiner.clone();
     let make = move |model: &Model| Ok((Refiner::for_model(own.clone(), model)?, None));
+    let tracker = settings.track.map(Tracker::new).transpose()?;
     let stage = RefinerStage {
         models: Models::new(shell, model, make(model)?, make),
-        tracker: match settings.track {
-            Some(settings) => Some((Tracker::new(settings)?, EgoEstimator::default())),
-            None => None,
-        },
+        tracker: tracker.map(|tracker| (tracker, EgoEstimator::default())),
         refined: RefinerOutput::default(),
         object_points: shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?,
         limits_ns: settings.budget_ms.map(|ms| (time_max_ns, ms * 1_000_000)),
     };
-    let output = shell.output(&Topic::OBJECTS, OBJECTS_MAX)?;
-    let frames = Frames::new(shell, &Topic::DETECTIONS, Some(Scans::open(shell, true)?))?;
-    Ok(run_stage(shell, frames, output, stage)?)
+    Ok(run_stage(shell, OBJECTS_MAX, stage)?)
 }
 
 impl Algorithm for RefinerStage {
@@ -50,27 +45,27 @@ impl Algorithm for RefinerStage {
     fn run(
         &mut self,
         header: &mut FrameHeader,
-        input: StageInput<'_, Detection>,
+        elements: &[Detection],
+        points: Option<&[Point]>,
     ) -> Result<usize, StageError> {
         let ((refiner, read), thresholds) = self.models.of_frame(header)?;
         if let Some((_, score_min)) = thresholds {
             refiner.set_score_min(score_min);
         }
         // A detection that makes no sense is one object's disposition (`invalid_box`), not the frame's.
-        let detections = Detection::counted(header, input.elements)?;
-        if input.points.is_none() {
+        let detections = Detection::counted(header, elements)?;
+        let (points, are_gone) = (points.unwrap_or_default(), points.is_none());
+        if are_gone {
             header.flag(Flags::POINTS_GONE.with(Flags::DEGRADED));
         }
         // Without its points a frame's unknown objects keep their proposals; where nothing waits for the sensor, time
         // has no say and the same scans give the same objects.
         let start_ns = monotonic_ns();
         let time_max_ns = self.limits_ns.map(|(time_max_ns, _)| time_max_ns);
-        let mut is_over = || {
-            input.points.is_none() || time_max_ns.is_some_and(|max| monotonic_ns() - start_ns > max)
-        };
-        let points = input.points.unwrap_or_default();
+        let mut is_over =
+            || are_gone || time_max_ns.is_some_and(|max| monotonic_ns() - start_ns > max);
         let frame = (header.run_id, header.sequence);
-        if read.take() != Some(frame) || input.points.is_none() {
+        if read.take() != Some(frame) || are_gone {
             refiner.read_scan(points);
         }
         let refined = &mut self.refined;
@@ -78,7 +73,7 @@ impl Algorithm for RefinerStage {
         if let Some((tracker, estimator)) = &mut self.tracker {
             let mut followed = *header;
             if header.ego.is_known != 1 {
-                let scan = input.points.is_some().then(|| refiner.scan());
+                let scan = (!are_gone).then(|| refiner.scan());
                 followed.ego = estimator.estimate(header, scan).unwrap_or_default();
             }
             tracker.update(&followed, refined);

@@ -60,6 +60,11 @@ impl Budgets {
         Budgets(all.filter_map(budget).collect())
     }
 
+    /// A new run is counted anew.
+    pub(super) fn clear(&mut self) {
+        self.0.iter_mut().for_each(|budget| budget.missed = 0);
+    }
+
     /// A frame that came out.
     pub(super) fn record(&mut self, header: &FrameHeader) {
         let is_late = Flags(header.flags).contains(Flags::LATE);

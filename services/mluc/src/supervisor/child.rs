@@ -15,8 +15,8 @@ use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};
 use smart_default::SmartDefault;
 
 use super::predecessor::{MARK, mark};
-use crate::EXIT_USAGE;
 use crate::settings::{RestartPolicy, Settings, StageSettings};
+use crate::{EXIT_USAGE, external::own_program};
 
 /// Delay of a restart where no frame was published since the last one; each further one is twice as long.
 const DELAY_FIRST: Duration = Duration::from_millis(50);
@@ -33,7 +33,7 @@ pub(super) enum Ended {
     No,
     /// With exit code 0.
     Done,
-    /// Killed from outside, or stopped and then killed by the watchdog.
+    /// By a signal from outside, or stopped and then killed by the watchdog.
     Hit,
     /// In any other way. The frame that it was working on, if one is known.
     Died(Option<u64>),
@@ -98,9 +98,9 @@ impl Child {
 
     pub(super) fn start(&mut self, settings: &Settings, start_sequence: u64) -> Result<()> {
         let own = &settings.stages[self.stage];
+        (self.was_ready, self.has_published) = (false, false);
         let supervisor = std::process::id().to_string();
-        let mut command =
-            own.placed(std::env::current_exe().context("finding this program's file")?);
+        let mut command = own.placed(own_program());
         match &own.command {
             // Our own program first, which ties itself to us and then becomes the other one.
             Some(program) => {
@@ -138,13 +138,22 @@ impl Child {
         self.oom_kills_before = oom_kills();
         self.started_ns = monotonic_ns();
         self.due = None;
-        (self.was_ready, self.has_published) = (false, false);
         (self.is_killed, self.was_stopped) = (false, false);
         self.is_foreign = own.command.is_some();
         self.run_max_us = 0;
         // A restarted ingest counts the frames of the one before it.
         let counts_on = self.stage == Stage::Ingest && !self.is_foreign;
         self.frames_before = if counts_on { start_sequence } else { 0 };
+        Ok(())
+    }
+
+    /// A start that fails is a death by itself, and planned again.
+    pub(super) fn restart(&mut self, settings: &Settings, start_sequence: u64) -> Result<()> {
+        if let Err(error) = self.start(settings, start_sequence) {
+            tracing::error!(stage = self.stage.name(), "{error:#}");
+            self.judge(None, settings)?;
+            self.plan_restart();
+        }
         Ok(())
     }
 
@@ -217,17 +226,19 @@ impl Child {
 
     fn ended(&mut self, status: ExitStatus, pid: u32, settings: &Settings) -> Result<Ended> {
         if status.success() {
-            // Ingest's end is that of its input; any other stage that ends fails.
-            if self.stage != Stage::Ingest {
-                self.judge(status, settings)?;
+            // Ingest's end is that of its input, and our other stages end so where they are asked to, from outside.
+            if self.stage != Stage::Ingest && self.is_foreign {
+                self.judge(status.code(), settings)?;
             }
             return Ok(Ended::Done);
         }
         tracing::error!(stage = self.stage.name(), "ended: {status}");
-        let is_killed = status.signal() == Some(Signal::KILL.as_raw());
-        let is_hit = is_killed && (!self.is_killed || self.was_stopped);
+        let is_by = |signal: Signal| status.signal() == Some(signal.as_raw());
+        let is_killed = is_by(Signal::KILL) && (!self.is_killed || self.was_stopped);
+        // We ask nobody to end before the run does.
+        let is_hit = is_killed || is_by(Signal::TERM);
         // The kernel's choice is no accident: the next one will want as much.
-        let is_oom = is_hit && oom_kills() > self.oom_kills_before;
+        let is_oom = is_killed && oom_kills() > self.oom_kills_before;
         if is_oom {
             tracing::error!(
                 stage = self.stage.name(),
@@ -236,7 +247,7 @@ impl Child {
         } else if is_hit {
             return Ok(Ended::Hit);
         }
-        self.judge(status, settings)?;
+        self.judge(status.code(), settings)?;
         let note = ClaimNote::read(&settings.instance, self.stage.name());
         let note = note.filter(|note| note.pid == pid);
         Ok(Ended::Died(note.and_then(|note| note.sequence)))
@@ -268,10 +279,10 @@ impl Child {
     }
 
     /// It died by itself: a death that repeats without a frame between is no accident.
-    fn judge(&mut self, status: ExitStatus, settings: &Settings) -> Result<()> {
+    fn judge(&mut self, code: Option<i32>, settings: &Settings) -> Result<()> {
         let name = self.stage.name();
         self.count_death();
-        if status.code() == Some(i32::from(EXIT_USAGE)) && !self.is_foreign {
+        if code == Some(i32::from(EXIT_USAGE)) && !self.is_foreign {
             bail!("stage {name} refuses its settings (see above)");
         }
         self.failures += 1;

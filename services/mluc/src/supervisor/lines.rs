@@ -1,6 +1,6 @@
 //! JSON lines to a reader that may be slow, stand still or leave: a thread of its own, so that it never stops the supervisor.
 
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, ErrorKind, Write, stdout};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -27,11 +27,11 @@ pub(crate) struct LineWriter {
 
 impl LineWriter {
     /// At pace `complete` the pipeline waits for the reader, and no line is dropped. At pace `sensor` the reader loses lines.
-    pub(crate) fn new(pace: Pace, output: impl Write + Send + 'static) -> LineWriter {
+    pub(crate) fn new(pace: Pace) -> LineWriter {
         let (lines, waiting) = bounded(LINES_WAITING);
         LineWriter {
             lines,
-            thread: std::thread::spawn(move || write_all(waiting, output)),
+            thread: std::thread::spawn(move || write_all(waiting, stdout())),
             pace,
             dropped: 0,
         }

@@ -65,6 +65,7 @@ pub(crate) trait Sink {
 /// How a run went.
 #[derive(Debug, Default)]
 pub(crate) struct Outcome {
+    /// In the last run.
     pub(crate) frames_in: u64,
     pub(crate) frames_out: u64,
     /// Frames that never came, before one that did.
@@ -76,7 +77,7 @@ pub(crate) struct Outcome {
     /// At the end.
     pub(crate) status: Status,
     /// Ended by a signal: what was not finished is not lost.
-    is_interrupted: bool,
+    pub(crate) is_interrupted: bool,
 }
 
 impl Outcome {
@@ -85,12 +86,6 @@ impl Outcome {
             return self.frames_skipped;
         }
         self.frames_in.saturating_sub(self.frames_out)
-    }
-
-    /// Asked to end, the stages had these.
-    pub(crate) fn frames_under_way(&self) -> u64 {
-        let done = self.frames_out + self.frames_lost();
-        self.frames_in.saturating_sub(done)
     }
 
     pub(crate) fn exit_code(&self) -> ExitCode {
@@ -166,7 +161,10 @@ pub(crate) fn run(
     let pinned = PinnedModel::new(&mut settings, &model, 0)?;
     let document = document::publish(&settings)?;
     let Some(run) = begin_or_join_run(&mut shell, &settings, &model)? else {
-        return Ok(Outcome::default());
+        return Ok(Outcome {
+            is_interrupted: true,
+            ..Outcome::default()
+        });
     };
     let sensor = settings.sensor.load()?;
     let status = StatusWriter::open(&mut shell, &settings, sensor.as_ref())?;
@@ -298,8 +296,10 @@ impl Supervisor {
         if let Some(run) = self.shell.run()
             && run.run_id != self.run.run_id
         {
-            tracing::warn!("a new run began: sequences start again");
+            tracing::warn!("a new run began: sequences and counts start again");
             (self.run, self.next_sequence) = (*run, 0);
+            let own = &mut self.outcome;
+            (own.frames_in, own.frames_out, own.frames_skipped) = (0, 0, 0);
         }
     }
 
@@ -402,9 +402,6 @@ impl Supervisor {
                         continue;
                     }
                     child.plan_restart();
-                    self.outcome.restarts += 1;
-                    self.control.restarts[child.stage as usize] += 1;
-                    self.is_control_untold = true;
                 }
             }
             if let Ended::Died(Some(sequence)) = ended {
@@ -416,7 +413,10 @@ impl Supervisor {
             self.blame(stage, sequence);
         }
         for child in self.children.iter_mut().filter(|child| child.is_due()) {
-            child.start(&self.settings, start_sequence)?;
+            self.outcome.restarts += 1;
+            self.control.restarts[child.stage as usize] += 1;
+            self.is_control_untold = true;
+            child.restart(&self.settings, start_sequence)?;
         }
         Ok(false)
     }

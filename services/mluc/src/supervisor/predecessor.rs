@@ -76,8 +76,7 @@ fn orphans(instance: &Instance) -> Vec<u32> {
 
 /// Has the ports of dead processes removed, by a process of its own: iceoryx2's cleaning may hang.
 pub(super) fn clean(instance: &Instance) -> anyhow::Result<()> {
-    let program = std::env::current_exe().context("finding this program's file")?;
-    let mut command = Command::new(program);
+    let mut command = Command::new(crate::external::own_program());
     command.args(["clean", "--instance", instance.name()]);
     command.stdin(Stdio::null()).stdout(Stdio::null());
     let mut process = command.spawn().context("starting mluc clean")?;

@@ -21,7 +21,7 @@ const LOOK_NS: u64 = 250_000_000;
 const HOLD_NS: u64 = 500_000_000;
 /// A run without a result for so long has stopped, ns.
 const START_MAX_NS: u64 = 30_000_000_000;
-/// The longest period of a sensor whose rate is not configured, ns.
+/// The longest period of a sensor that is not known to be slower, by its configured rate or the run's first scans, ns.
 const PERIOD_MAX_NS: u64 = 1_000_000_000;
 /// Before two scans came nobody knows the sensor's period.
 const PERIOD_UNKNOWN_NS: u64 = 1_000_000_000;
@@ -92,6 +92,7 @@ impl StatusWriter {
         if self.run_id != run.run_id {
             self.run_id = run.run_id;
             self.view.clear();
+            self.budgets.clear();
             self.counts = StageCounts::default();
             self.facts = Facts {
                 budget_ns: self.facts.budget_ns,
@@ -292,8 +293,9 @@ struct Facts {
     longest_ns: u64,
     /// The newest scan: sequence and arrival.
     scan: Option<(u64, u64)>,
-    /// The last two periods of the sensor.
+    /// The last two periods of the sensor, and the shorter one of the first two in the run.
     periods_ns: [u64; 2],
+    first_period_ns: u64,
     not_finite_share: f32,
     expected_sectors: u64,
     blind_sectors: u64,
@@ -310,6 +312,9 @@ impl Facts {
             let frames = header.sequence - sequence;
             let period_ns = arrived_ns.saturating_sub(before_ns) / frames;
             self.periods_ns = [self.periods_ns[1], period_ns];
+            if self.first_period_ns == 0 {
+                self.first_period_ns = self.periods_ns[0].min(period_ns);
+            }
         }
         self.scan = Some((header.sequence, arrived_ns));
         // Of the points alone, those that did not fit are finite.
@@ -340,7 +345,7 @@ impl Facts {
             0 => PERIOD_UNKNOWN_NS,
             before_ns => before_ns.min(self.periods_ns[1]),
         };
-        let period_ns = period_ns.min(PERIOD_MAX_NS.max(self.period_ns));
+        let period_ns = period_ns.min(PERIOD_MAX_NS.max(self.period_ns).max(self.first_period_ns));
         let late_ns = budget_ns + period_ns;
         [late_ns, late_ns + SILENCE_NS]
     }
@@ -434,8 +439,8 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// A run of 10 Hz with a budget of 200 ms whose newest result, of a scan that arrived at 5 s, took 60 ms.
-    fn facts(flags: Flags) -> Facts {
+    /// A run with a budget of 200 ms whose newest result, of a scan that arrived at 5 s, took 60 ms.
+    fn facts(flags: Flags, period_ms: u64) -> Facts {
         let mut facts = Facts {
             budget_ns: Some(200 * MS),
             expected_sectors: 0xfff,
@@ -446,7 +451,7 @@ mod tests {
             header.flag(flags);
             (header.points_in, header.points_dropped) = (100, 40);
             header.limit_dropped = 10;
-            let arrived_ns = (4_700 + 100 * number) * MS;
+            let arrived_ns = (5_000 - period_ms * (3 - number)) * MS;
             header.stages[0].received_ns = arrived_ns;
             header.stages[3].published_ns = arrived_ns + 60 * MS;
             facts.take_scan(&header);
@@ -474,11 +479,12 @@ mod tests {
         for case in CASES.lines() {
             let [change, ms, stage, expected] =
                 std::array::from_fn(|column| case.split(", ").nth(column).unwrap_or_default());
-            let mut facts = facts(match change {
+            let flags = match change {
                 "empty" => Flags::EMPTY,
                 "suspect" => Flags::SUSPECT_HEIGHT,
                 _ => Flags::default(),
-            });
+            };
+            let mut facts = facts(flags, if change == "slow" { 1_500 } else { 100 });
             match change {
                 "half" => facts.blind_sectors = 0x3f,
                 "one" => facts.blind_sectors = 1,
@@ -500,6 +506,6 @@ mod tests {
             let told = format!("{} {}", state.name(), reason.replace(", ", "/"));
             assert_eq!(told.trim_end(), expected, "{case}");
         }
-        assert_eq!(facts(Flags::TRUNCATED).not_finite_share, 0.3);
+        assert_eq!(facts(Flags::TRUNCATED, 100).not_finite_share, 0.3);
     }
 }

@@ -10,6 +10,7 @@ use super::places::{Places, SIDE};
 use crate::fit::{higher, lower};
 use crate::frame::IndexedPoint;
 use mluc_geometry::ground::tiles::{self, HALF_EXTENT_M};
+use smart_default::SmartDefault;
 
 /// Side of a cell, m: its diagonal is below the shortest full join distance (0.4 m).
 const CELL_M: f32 = 0.25;
@@ -40,11 +41,13 @@ pub(super) struct Cell {
 }
 
 /// The cells of one frame; buffers are reused.
-#[derive(Debug)]
+#[derive(Debug, SmartDefault)]
 pub(super) struct Cells {
     /// Number of each place's cell.
+    #[default(vec![EMPTY; SIDE * SIDE])]
     number_at: Vec<u32>,
     /// First cell of each tile, and one past its last; [`EMPTY`] where it was not added.
+    #[default(vec![[EMPTY; 2]; tiles::TILES])]
     tiles: Vec<[u32; 2]>,
     added: Vec<u32>,
     pub(super) cells: Vec<Cell>,
@@ -57,22 +60,6 @@ pub(super) struct Cells {
     pub(super) reached: Vec<u32>,
     /// and the end of each component among them.
     pub(super) ends: Vec<u32>,
-}
-
-impl Default for Cells {
-    fn default() -> Cells {
-        Cells {
-            number_at: vec![EMPTY; SIDE * SIDE],
-            tiles: vec![[EMPTY; 2]; tiles::TILES],
-            added: Vec::new(),
-            cells: Vec::new(),
-            places_m: Vec::new(),
-            indices: Vec::new(),
-            left: Places::default(),
-            reached: Vec::new(),
-            ends: Vec::new(),
-        }
-    }
 }
 
 impl Cells {
@@ -354,9 +341,8 @@ mod tests {
     fn tiles(points: &[[f32; 2]]) -> BTreeMap<usize, Vec<IndexedPoint>> {
         let mut tiles: BTreeMap<usize, Vec<IndexedPoint>> = BTreeMap::new();
         for (index, &[x, y]) in points.iter().enumerate() {
-            let at = [x, y].map(|v| (v + HALF_EXTENT_M as f32) as usize);
-            let tile = tiles.entry(at[1] * tiles::SIDE + at[0]).or_default();
-            tile.push(IndexedPoint {
+            let tile = tiles::tile_of([x, y, 0.0]) as usize;
+            tiles.entry(tile).or_default().push(IndexedPoint {
                 at_m: [x, y, 0.0],
                 index: index as u32,
             });

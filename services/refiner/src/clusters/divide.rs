@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use super::cells::Cells;
 use crate::fit::ClusterPoints;
-use crate::size::{is_upright, is_within, longest_side};
+use crate::size::{is_upright, is_whole, is_within, longest_side, whole_diagonal_m};
 use crate::{Settings, priors};
 
 /// What stands upright is at most 4.5 m high, and shorter than high: so much at most along x or y, m.
@@ -107,10 +107,12 @@ impl Divider {
 
     /// The join distance at a range times a factor, m.
     fn join_m(&self, range_m: f32, scale: f64) -> f32 {
-        (self.settings.join_distance_m(f64::from(range_m)) * scale) as f32
+        let s = &self.settings;
+        let full_m = (s.join_m + s.join_per_range * f64::from(range_m)).min(s.join_max_m);
+        (full_m * scale) as f32
     }
 
-    /// Sorts the pieces; those beyond the limit are dropped.
+    /// Sorts the pieces; those with too few points and those beyond the limit are dropped.
     fn rank(&mut self, cells: &mut Cells) {
         for piece in &mut self.done {
             let own = &self.order[piece.range()];
@@ -122,7 +124,10 @@ impl Divider {
             let by_place = places.unwrap_or(std::cmp::Ordering::Equal);
             b.points.cmp(&a.points).then(by_place)
         });
-        self.done.truncate(CLUSTERS_MAX);
+        // What upright parts leave, and the slices of a cut, are counted here first.
+        let points_min = self.settings.points_min;
+        let enough = (self.done).partition_point(|piece| piece.points >= points_min);
+        self.done.truncate(enough.min(CLUSTERS_MAX));
     }
 
     /// One piece: done, dropped, or divided further.
@@ -132,27 +137,20 @@ impl Divider {
         if is_far || cells.count(own) < self.settings.points_min as usize {
             return;
         }
-        let mut large = self.is_large(cells, &piece);
-        let mut is_small = false;
-        if !large {
-            self.collect(cells, &piece);
-            if is_upright(&self.cluster) {
-                self.done.push(piece);
-                return;
-            }
-            is_small = is_within(&self.cluster, priors::UPRIGHT_APART_M);
+        let mut is_short = self.collect_short(cells, &piece);
+        if is_short && is_upright(&self.cluster) {
+            self.done.push(piece);
+            return;
         }
         if piece.attempts == 0 {
+            let is_small = is_short && is_within(&self.cluster, priors::UPRIGHT_APART_M);
             piece = self.take_upright_parts(cells, piece, is_small);
             if piece.first == piece.end {
                 return;
             }
-            large = self.is_large(cells, &piece);
-            if !large {
-                self.collect(cells, &piece);
-            }
+            is_short = self.collect_short(cells, &piece);
         }
-        if !large && priors::WHOLE.hold(&self.cluster) {
+        if is_short && is_whole(&self.cluster) {
             self.done.push(piece);
         } else if piece.attempts < SHRINK_ATTEMPTS {
             piece.attempts += 1;
@@ -163,9 +161,13 @@ impl Divider {
         }
     }
 
-    /// Longer than the diagonal of any road user along x or y: no need to look at its points.
-    fn is_large(&self, cells: &Cells, piece: &Piece) -> bool {
-        f64::from(cells.length_m(self.cells_of(piece))) > priors::WHOLE.diagonal_m()
+    /// Collects a piece unless it is longer along x or y than the diagonal of any road user: its points need no look then. Whether it did.
+    fn collect_short(&mut self, cells: &Cells, piece: &Piece) -> bool {
+        let is_short = f64::from(cells.length_m(self.cells_of(piece))) <= whole_diagonal_m();
+        if is_short {
+            self.collect(cells, piece);
+        }
+        is_short
     }
 
     /// Divides a piece by a shorter reach; the parts are pending.

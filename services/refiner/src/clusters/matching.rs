@@ -14,14 +14,6 @@ const SPARSE_ONE_IN: u32 = 10;
 /// Clusters that are tried.
 const TRIES: usize = 4;
 
-/// The cluster that was found.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Match {
-    pub(crate) cluster: usize,
-    /// From the proposal's centre, seen from above, m.
-    pub(crate) distance_m: f64,
-}
-
 /// A cluster near a proposal.
 #[derive(Clone, Copy, Debug)]
 struct Near {
@@ -42,8 +34,8 @@ pub(crate) struct Matcher {
 }
 
 impl Matcher {
-    /// The cluster that a proposal is about, if there is any within reach.
-    pub(crate) fn find(&mut self, finder: &ClusterFinder, proposal: &Box3) -> Option<Match> {
+    /// The cluster that a proposal is about, and its distance from the proposal's centre, seen from above, m; if there is any within reach.
+    pub(crate) fn find(&mut self, finder: &ClusterFinder, proposal: &Box3) -> Option<(usize, f64)> {
         self.collect(finder, proposal);
         let inside: u32 = self.near.iter().map(|near| near.inside).sum();
         let is_near = |near: &Near| near.flat <= NEAR_M * NEAR_M;
@@ -56,10 +48,7 @@ impl Matcher {
         // Clusters are numbered from the largest on.
         let largest = || tried.iter().min_by_key(|near| near.cluster);
         let found = tried.iter().find(is_dense).or_else(largest)?;
-        Some(Match {
-            cluster: found.cluster as usize,
-            distance_m: found.flat.sqrt(),
-        })
+        Some((found.cluster as usize, found.flat.sqrt()))
     }
 
     fn collect(&mut self, finder: &ClusterFinder, proposal: &Box3) {
@@ -85,7 +74,7 @@ impl Matcher {
                 continue;
             }
             let middle = [(x0 + x1) / 2.0, (y0 + y1) / 2.0, (z0 + z1) / 2.0];
-            let is_inside = within.contains(middle.map(|v| f64::from(v as f32)));
+            let is_inside = within.contains(middle);
             let place = &mut self.place[cluster as usize];
             if *place == NO_CLUSTER {
                 *place = self.near.len() as u32;

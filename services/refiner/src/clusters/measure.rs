@@ -3,7 +3,7 @@
 //! Sums are taken over whole millimetres, so that they do not depend on the order of the points.
 
 use mluc_kernels::at_best;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::Sensor;
 use crate::fit::{ClusterPoints, Rectangle, higher, lower};
@@ -156,13 +156,10 @@ fn eigen_features(points: &ClusterPoints) -> [f32; 3] {
         || sums(points),
     );
     let n = points.len().max(1) as f64;
-    let mean = sum.map(|s| s as f64 / n);
+    let mean = Vector3::from(sum.map(|s| s as f64 / n));
     let [xx, xy, xz, yy, yz, zz] = products.map(|p| p as f64 / n);
-    let c = |p: f64, a: usize, b: usize| p - mean[a] * mean[b];
-    let [xx, xy, xz] = [c(xx, 0, 0), c(xy, 0, 1), c(xz, 0, 2)];
-    let [yy, yz, zz] = [c(yy, 1, 1), c(yz, 1, 2), c(zz, 2, 2)];
-    let covariance = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
-    let values = covariance.symmetric_eigenvalues();
+    let squares = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+    let values = (squares - mean * mean.transpose()).symmetric_eigenvalues();
     let mut l = [values[0], values[1], values[2]].map(|v| v.max(0.0));
     l.sort_unstable_by(|a, b| b.total_cmp(a));
     if l[0] <= 0.0 {

@@ -1,21 +1,16 @@
 //! A set of places in a square grid, a bit for each: a row's part of it is found at once.
 
+use smart_default::SmartDefault;
+
 /// Cells along a side: whole words.
 pub(super) const SIDE: usize = 1024;
 const WORD: usize = u64::BITS as usize;
 
-/// The set.
-#[derive(Debug)]
+#[derive(Debug, SmartDefault)]
 pub(super) struct Places {
+    /// One more than are filled: a part of a row is read from two words.
+    #[default(vec![0; SIDE * SIDE / WORD + 1])]
     words: Vec<u64>,
-}
-
-impl Default for Places {
-    fn default() -> Places {
-        // One more: a part of a row is read from two words.
-        let words = vec![0; SIDE * SIDE / WORD + 1];
-        Places { words }
-    }
 }
 
 impl Places {

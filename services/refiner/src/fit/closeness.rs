@@ -24,7 +24,6 @@ const COARSE_POINTS_MAX: usize = 192;
 const PLACES: f32 = 16.0;
 /// Headings within a quarter turn, thirds of a degree apart.
 const HEADINGS: usize = 270;
-/// A degree.
 const DEGREE: i32 = 3;
 /// Headings that are tried first, three degrees apart.
 const COARSE: usize = 30;

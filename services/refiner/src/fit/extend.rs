@@ -72,18 +72,15 @@ impl Extend {
         // The longer side is the length.
         let turn_rad = if u >= v { 0.0 } else { FRAC_PI_2 };
         let yaw_rad = limit_period(r.yaw_rad + turn_rad, 0.5, PI);
-        Some(Box3 {
-            center_m: [x, y, (bottom + top) / 2.0],
-            size_m: [u.max(v), u.min(v), top - bottom].map(|side| side.max(SIZE_MIN_M)),
-            yaw_rad,
-        })
+        let [l, w, h] = [u.max(v), u.min(v), top - bottom].map(|side| side.max(SIZE_MIN_M));
+        Some(Box3::new([x, y, (bottom + top) / 2.0, l, w, h, yaw_rad]))
     }
 }
 
-/// Whether something of a length and height as it is seen, m, reaches above the topmost beams.
-fn is_cut(top_rad: f64, seen_m: [f64; 2], points: &ClusterPoints) -> bool {
-    let mut sizes = seen_m.iter().zip(priors::CUT_TOP_SEEN_MIN_M);
-    if sizes.any(|(seen_m, least_m)| *seen_m < least_m) {
+/// Whether something of a completed length and a height as it is seen, m, reaches above the topmost beams.
+fn is_cut(top_rad: f64, size_m: [f64; 2], points: &ClusterPoints) -> bool {
+    let mut sizes = size_m.iter().zip(priors::CUT_TOP_MIN_M);
+    if sizes.any(|(size_m, least_m)| *size_m < least_m) {
         return false;
     }
     let [x, y] = points.origin_m.map(|v| v as f32);

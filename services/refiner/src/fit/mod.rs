@@ -13,6 +13,7 @@ pub use footprint::Footprint;
 
 use mluc_geometry::Box3;
 use mluc_kernels::at_best;
+use smart_default::SmartDefault;
 
 use crate::{Sensor, Settings, Variant};
 
@@ -58,8 +59,8 @@ pub fn minimum_area(points: &ClusterPoints) -> Rectangle {
     (1..90).map(at).fold(at(0), better)
 }
 
-/// Points of one cluster, in columns: x and y relative to an origin near them, z in the sensor frame, m.
-#[derive(Debug)]
+/// Points of one cluster, in columns: x and y relative to an origin near them, z in the sensor frame, m. By default none.
+#[derive(Debug, SmartDefault)]
 pub struct ClusterPoints {
     /// m.
     pub x_m: Vec<f32>,
@@ -72,21 +73,8 @@ pub struct ClusterPoints {
     /// Headings are counted from here, rad from x,
     pub(crate) ahead_rad: f64,
     /// and the same as cosine and sine.
+    #[default([1.0, 0.0])]
     ahead: [f32; 2],
-}
-
-impl Default for ClusterPoints {
-    /// No points; headings are counted from x.
-    fn default() -> ClusterPoints {
-        ClusterPoints {
-            x_m: Vec::new(),
-            y_m: Vec::new(),
-            z_m: Vec::new(),
-            origin_m: [0.0; 2],
-            ahead_rad: 0.0,
-            ahead: [1.0, 0.0],
-        }
-    }
 }
 
 impl ClusterPoints {

@@ -19,30 +19,20 @@ pub(crate) fn is_above(s_m: [f32; 3], t_m: [f32; 3], threshold_cosine: f32) -> b
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector3;
 
-    fn norm(p: [f64; 3]) -> f64 {
-        p.map(|v| v * v).iter().sum::<f64>().sqrt()
-    }
-
-    /// Angle at the farther of two points, rad, by the law of cosines as the paper prints it.
-    fn by_law_of_cosines_rad(s: [f64; 3], t: [f64; 3]) -> f64 {
-        let (long, short) = (norm(s).max(norm(t)), norm(s).min(norm(t)));
-        let d = norm([0, 1, 2].map(|i| s[i] - t[i]));
+    /// Angle at the farther of two points, rad: by the law of cosines as the paper prints it, and from two ranges and the angle between the rays.
+    fn both_forms_rad(s: Vector3<f64>, t: Vector3<f64>) -> [f64; 2] {
+        let (long, short) = (s.norm().max(t.norm()), s.norm().min(t.norm()));
+        let d = (s - t).norm();
         let cosine = (long * long + d * d - short * short) / (2.0 * d * long);
-        cosine.clamp(-1.0, 1.0).acos()
+        let (sin, cos) = s.angle(&t).sin_cos();
+        let by_arctangent = (short * sin).atan2(long - short * cos);
+        [cosine.clamp(-1.0, 1.0).acos(), by_arctangent]
     }
 
-    /// The same angle, rad, from two ranges and the angle between the rays.
-    fn by_arctangent_rad(s: [f64; 3], t: [f64; 3]) -> f64 {
-        let (long, short) = (norm(s).max(norm(t)), norm(s).min(norm(t)));
-        let dot: f64 = (0..3).map(|i| s[i] * t[i]).sum();
-        let cos = dot / (long * short);
-        let sin = (1.0 - cos * cos).sqrt();
-        (short * sin).atan2(long - short * cos)
-    }
-
-    fn is_above_deg(s: [f64; 3], t: [f64; 3], degrees: f64) -> bool {
-        let [s, t] = [s, t].map(|p| p.map(|v| v as f32));
+    fn is_above_deg(s: Vector3<f64>, t: Vector3<f64>, degrees: f64) -> bool {
+        let [s, t] = [s, t].map(|p| p.map(|v| v as f32).into());
         is_above(s, t, degrees.to_radians().cos() as f32)
     }
 
@@ -50,9 +40,9 @@ mod tests {
     fn both_forms_of_the_angle_agree_and_are_compared() {
         for i in 1..500 {
             let f = |k: f64| (f64::from(i) * k).sin();
-            let s = [10.0 + 3.0 * f(0.7), 4.0 * f(1.3), f(2.1)];
-            let t = [10.0 + 3.0 * f(1.9), 4.0 * f(0.4), f(3.3)];
-            let (found, expected) = (by_law_of_cosines_rad(s, t), by_arctangent_rad(s, t));
+            let s = Vector3::new(10.0 + 3.0 * f(0.7), 4.0 * f(1.3), f(2.1));
+            let t = Vector3::new(10.0 + 3.0 * f(1.9), 4.0 * f(0.4), f(3.3));
+            let [found, expected] = both_forms_rad(s, t);
             assert!((found - expected).abs() < 1e-6, "{found} {expected}");
             let is_close = (found.to_degrees() - 25.0).abs() < 0.06;
             assert!(is_close || is_above_deg(s, t, 25.0) == (found.to_degrees() > 25.0));

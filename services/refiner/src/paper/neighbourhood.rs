@@ -30,14 +30,8 @@ pub struct Neighbourhood {
 const POINTS_MAX: usize = 16_384;
 
 impl Neighbourhood {
-    /// Points.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.index.len()
-    }
-
-    /// No point.
-    pub fn is_empty(&self) -> bool {
-        self.index.is_empty()
     }
 
     /// A point in the sensor frame, m.

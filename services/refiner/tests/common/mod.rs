@@ -55,12 +55,7 @@ pub(crate) fn scan(boxes: &[Box3]) -> Vec<Point> {
 }
 
 pub(crate) fn point([x, y, z]: [f64; 3]) -> Point {
-    Point {
-        x_m: x as f32,
-        y_m: y as f32,
-        z_m: z as f32,
-        intensity: 0.3,
-    }
+    bytemuck::cast([x, y, z, 0.3].map(|v| v as f32))
 }
 
 /// Where a ray from the sensor enters a box.

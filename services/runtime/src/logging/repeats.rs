@@ -17,7 +17,6 @@ pub(super) struct Repeated {
 }
 
 /// The messages of the last time.
-#[derive(Default)]
 pub(super) struct Repeats(pub(super) Vec<Repeated>);
 
 impl Repeats {

@@ -4,11 +4,11 @@ use super::Layout;
 use super::table::{Field, Kind, Table};
 use crate::{SourceError, refused};
 
-/// Refuses files that have three, five or six numbers a point rather than four. `sizes`: of some files, bytes.
-pub(crate) fn check_columns(sizes: &[u64]) -> Result<(), SourceError> {
+/// Refuses files that have three, five or six numbers a point rather than four. `sizes`: of some files, bytes; `start`: of the first one.
+pub(crate) fn check_columns(sizes: &[u64], start: &[u8]) -> Result<(), SourceError> {
     let all = |columns: u64| sizes.iter().all(|size| size.is_multiple_of(4 * columns));
     match [5, 6, 3].into_iter().find(|columns| all(*columns)) {
-        Some(columns) if !sizes.iter().all(|size| size.is_multiple_of(16)) => {
+        Some(columns) if !all(4) || (columns == 5 && has_rings(start)) => {
             let help = "say which with --columns x,y,z,intensity,..";
             let bytes = 4 * columns;
             let found = format!("a multiple of {bytes} bytes: {columns} columns? {help}");
@@ -16,6 +16,18 @@ pub(crate) fn check_columns(sizes: &[u64]) -> Result<(), SourceError> {
         }
         _ => Ok(()),
     }
+}
+
+/// Whether 100 points or more of five numbers end with a ring each. Where four columns have whole numbers there, as of missing returns, the first number is one too.
+fn has_rings(start: &[u8]) -> bool {
+    let numbers = start.as_chunks::<4>().0.iter();
+    let numbers: Vec<f32> = numbers.map(|v| f32::from_le_bytes(*v)).collect();
+    let points = numbers.as_chunks::<5>().0;
+    let is_ring = |v: f32| v.fract() == 0.0 && (0.0..=255.0).contains(&v);
+    points.len() >= 100
+        && points.iter().all(|point| is_ring(point[4]))
+        && points.iter().any(|point| point[4] != points[0][4])
+        && !points.iter().all(|point| is_ring(point[0]))
 }
 
 /// `columns`: how many a file has if the layout names none.

@@ -12,11 +12,13 @@ use crate::{Scan, SourceError, refused};
 pub(super) const ROWS_MAX: usize = 4 << 20;
 
 /// Names that intensity goes by, the usual one first.
-const INTENSITIES: [&str; 5] = [
+const INTENSITIES: [&str; 7] = [
     "intensity",
     "intensities",
+    "scalar_intensity",
     "reflectivity",
     "reflectance",
+    "remission",
     "i",
 ];
 
@@ -29,8 +31,8 @@ const SECONDS_MAX: f64 = 1e12;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, SmartDefault)]
 #[serde(deny_unknown_fields, default)]
 pub struct Layout {
-    /// Names of the columns of a `.bin` or `.npy` file, which has none; empty: x, y, z, intensity, and a ring where there are five. Others than x, y, z
-    /// and intensity are left out.
+    /// Names of the columns of a `.bin` or `.npy` file, which has none; empty: x, y, z, intensity of a `.bin`, and of an `.npy` as many as it has of x, y, z,
+    /// intensity, ring, time. Others than x, y, z, intensity and the time are left out.
     pub columns: Vec<String>,
     /// Where the sensor is in the file's coordinates.
     pub origin: [f64; 3],
@@ -81,11 +83,10 @@ impl Layout {
         let is_missing = |axis: &&str| !self.columns.iter().any(|name| name == axis);
         let missing = ["x", "y", "z"].into_iter().find(is_missing);
         match missing {
-            Some(axis) if !self.columns.is_empty() => refused(
-                "columns",
-                format!("{axis} among them"),
-                self.columns.join(","),
-            ),
+            Some(axis) if !self.columns.is_empty() => {
+                let found = self.columns.join(",");
+                refused("columns", format!("{axis} among them"), found)
+            }
             _ => Ok(()),
         }
     }

@@ -26,7 +26,7 @@ use crate::{Scan, SourceError};
 pub enum Format {
     /// f32 without a header, four a point as KITTI's, or as many as [`Layout::columns`] names.
     Bin,
-    /// nuScenes' `.pcd.bin`: five f32 a point, intensities to 255.
+    /// nuScenes' `.pcd.bin`: five f32 a point, intensities to 255, as a rule with x to the right and y ahead.
     NuScenes,
     /// NumPy's array of N rows and three or more columns, or of named fields.
     Npy,
@@ -57,8 +57,8 @@ impl Format {
         found.map(|(_, format)| *format)
     }
 
-    /// Turns a file's bytes into the scan's: x, y, z (m, forward, left, up) and intensity, four little-endian f32 a point, KITTI's layout; and into times, if
-    /// `layout` asks for them. True: the file ends before what it promises. Errors: what in the file, or in `layout`, is not as expected.
+    /// Turns a file's bytes into the scan's: x, y, z (m) and intensity, four little-endian f32 a point, KITTI's layout; and into times, if `layout` asks for them. The axes
+    /// are the file's unless `layout` turns them. True: the file ends before what it promises. Errors: what in the file, or in `layout`, is not as expected.
     pub fn convert(
         self,
         layout: &Layout,
@@ -68,7 +68,7 @@ impl Format {
         scan.times_ns.clear();
         if self == Format::Bin && *layout == Layout::default() {
             scan.bytes = file;
-            return Ok(false);
+            return Ok(!scan.bytes.len().is_multiple_of(16));
         }
         let table = match self {
             Format::Bin => bin::table(file, layout, 4)?,

@@ -5,6 +5,8 @@ use super::table::{Column, Field, Kind, Table};
 use crate::{SourceError, refused};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
+/// Numbers of one field; a guess far above any.
+const FIELD_NUMBERS_MAX: usize = 1 << 20;
 
 pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> {
     let fault = |found: &str| SourceError::field("header", "that of a NumPy array", found);
@@ -17,7 +19,6 @@ pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> 
     };
     let is_fortran = value(header, "fortran_order").is_some_and(|word| word.starts_with("True"));
     let shape: Vec<usize> = numbers(shape);
-    let is_big_endian = descr.contains('>');
     let mut table = if descr.starts_with('[') {
         let [rows] = shape[..] else {
             let found = format!("{shape:?}");
@@ -35,14 +36,14 @@ pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> 
         let mut table = Table::of_rows(data.to_vec(), &fields, rows);
         let bytes = kind.bytes();
         let place = |(i, column): (usize, &mut Column)| {
-            let (by_column, by_row) = ((i * rows, 1), (i, count));
+            let (by_column, by_row) = ((i.saturating_mul(rows), 1), (i, count));
             let (start, stride) = if is_fortran { by_column } else { by_row };
             (column.start, column.stride) = (start.saturating_mul(bytes), stride * bytes);
         };
         table.columns.iter_mut().enumerate().for_each(place);
         table
     };
-    table.is_big_endian = is_big_endian;
+    table.is_big_endian = descr.contains('>');
     Ok(table)
 }
 
@@ -85,13 +86,20 @@ fn kind(text: &str) -> Result<Kind, SourceError> {
         .ok_or_else(|| SourceError::field("descr", "f4, f8, or an integer", text))
 }
 
-/// `[('x', '<f4'), ('y', '<f4')]`.
+/// `[('x', '<f4'), ('normal', '<f4', (3,)), ('', '|V4')]`, the last of which is padding.
 fn named_fields(descr: &str) -> Result<Vec<Field>, SourceError> {
-    let quoted: Vec<&str> = descr.split('\'').skip(1).step_by(2).collect();
-    let (pairs, rest) = quoted.as_chunks();
+    let parts: Vec<&str> = descr.split('\'').skip(1).collect();
+    let (fields, rest) = parts.as_chunks();
     if !rest.is_empty() {
         return refused("descr", "a name and a kind for each field", descr);
     }
-    let field = |[name, text]: &[&str; 2]| Ok((name.to_string(), kind(text)?, 1));
-    pairs.iter().map(field).collect()
+    let field = |[name, _, text, size]: &[&str; 4]| {
+        let (kind, count) = match text.strip_prefix("|V").map(str::parse::<usize>) {
+            Some(Ok(bytes)) => (kind("u1")?, bytes),
+            _ => (kind(text)?, 1),
+        };
+        let count = numbers(size).into_iter().fold(count, usize::saturating_mul);
+        Ok((name.to_string(), kind, count.min(FIELD_NUMBERS_MAX)))
+    };
+    fields.iter().map(field).collect()
 }

@@ -24,11 +24,12 @@ pub(super) fn table(file: &[u8]) -> Result<Table, SourceError> {
         }
         header.take(&key, words)?;
     };
-    let fields = header.fields()?;
+    let (fields, points) = (header.fields()?, header.points);
+    let points = points.ok_or_else(|| SourceError::field("header", "a line POINTS", "none"))?;
     match data.as_str() {
-        "ascii" => Table::of_text(rest, &fields, header.points),
-        "binary" => Ok(Table::of_rows(rest.to_vec(), &fields, header.points)),
-        "binary_compressed" => columns(rest, &fields, header.points),
+        "ascii" => Table::of_text(rest, &fields, points),
+        "binary" => Ok(Table::of_rows(rest.to_vec(), &fields, points)),
+        "binary_compressed" => columns(rest, &fields, points),
         _ => refused("DATA", "ascii, binary or binary_compressed", data),
     }
 }
@@ -39,7 +40,7 @@ struct Header {
     sizes: Vec<String>,
     kinds: Vec<String>,
     counts: Vec<String>,
-    points: usize,
+    points: Option<usize>,
 }
 
 impl Header {
@@ -52,7 +53,7 @@ impl Header {
             "POINTS" => {
                 let found = words.join(" ");
                 let fault = || SourceError::field("POINTS", "a whole number", &found);
-                self.points = found.parse().map_err(|_| fault())?;
+                self.points = Some(found.parse().map_err(|_| fault())?);
             }
             _ => {}
         }
@@ -61,15 +62,15 @@ impl Header {
 
     fn fields(&self) -> Result<Vec<Field>, SourceError> {
         let field = |(i, name): (usize, &String)| {
-            let number =
-                |words: &[String]| words.get(i).and_then(|word| word.parse::<usize>().ok());
-            let kind = self.kinds.get(i).map_or("", String::as_str);
-            let kind = Kind::new(kind == "F", kind == "I", number(&self.sizes).unwrap_or(0));
+            let [letter, size, count] = [&self.kinds, &self.sizes, &self.counts]
+                .map(|words| words.get(i).map_or("", String::as_str));
+            let kind = Kind::new(letter == "F", letter == "I", size.parse().unwrap_or(0));
             let kind = kind.ok_or_else(|| {
                 let place = format!("TYPE and SIZE of {name}");
-                SourceError::field(place, "F 4, F 8, or I or U 1 to 8", "others")
+                let expected = "F 4, F 8, or I or U 1, 2, 4 or 8";
+                SourceError::field(place, expected, format!("`{letter} {size}`"))
             })?;
-            let count = number(&self.counts).unwrap_or(1).clamp(1, 4096);
+            let count = count.parse::<usize>().unwrap_or(1).clamp(1, 4096);
             Ok((name.clone(), kind, count))
         };
         self.names.iter().enumerate().map(field).collect()

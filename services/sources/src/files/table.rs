@@ -96,7 +96,7 @@ impl Table {
         }
     }
 
-    /// Numbers as text, `fields` of them a row; lines that hold no number are left out.
+    /// Numbers as text, `fields` of them a row; empty lines are left out, and so is a last line that is cut.
     pub(super) fn of_text(
         text: &[u8],
         fields: &[Field],
@@ -105,12 +105,16 @@ impl Table {
         let text = String::from_utf8_lossy(text);
         let count: usize = fields.iter().map(|(_, _, count)| count).sum();
         let mut data = Vec::with_capacity(text.len());
-        let lines = text.lines().filter(|line| !line.trim().is_empty());
+        let lines = text.split_inclusive('\n');
+        let lines = lines.filter(|line| !line.trim().is_empty());
         for (number, line) in lines.take(rows).enumerate() {
             let words = line.split_whitespace();
             let values: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
+            if values.len() < count && !line.ends_with('\n') {
+                break;
+            }
             if values.len() != count {
-                let found = format!("`{}`", line.chars().take(80).collect::<String>());
+                let found = format!("`{}`", line.trim().chars().take(80).collect::<String>());
                 return refused(format!("row {number}"), format!("{count} numbers"), found);
             }
             data.extend(values.iter().flat_map(|value| value.to_le_bytes()));

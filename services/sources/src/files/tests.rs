@@ -56,7 +56,7 @@ fn pcd(data: &str, body: &[u8]) -> Vec<u8> {
 fn ply(format: &str, body: &[u8]) -> Vec<u8> {
     let header = format!(
         "ply\nformat {format} 1.0\ncomment a\nelement vertex 3\nproperty float x\nproperty ushort ring\nproperty double y\nproperty float z\n\
-         property uchar intensity\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+         property uchar scalar_Intensity\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
     );
     [header.as_bytes(), body].concat()
 }
@@ -91,7 +91,11 @@ fn quarter() -> Layout {
 
 #[test]
 fn the_same_points_come_from_every_format() {
-    let named = "[('x', '<f4'), ('ring', '<u2'), ('y', '<f8'), ('z', '<f4'), ('intensity', '|u1')]";
+    let named = |ring: &str| {
+        let rest = "('y', '<f8'), ('z', '<f4'), ('intensity', '|u1')]";
+        let descr = format!("[('x', '<f4'), {ring}, {rest}");
+        npy(&descr, "(3,)", false, &rows(false))
+    };
     let columns = (0..4).flat_map(|c| POINTS.map(|p| p[c].to_be_bytes()).concat());
     let columns: Vec<u8> = columns.collect();
     let five = POINTS.map(|[x, y, z, i]| [x, y, z, i * 255.0, 3.0]);
@@ -108,7 +112,8 @@ fn the_same_points_come_from_every_format() {
         (NuScenes, plain(), bytes(&five)),
         (Npy, plain(), npy("'<f4'", "(3, 4)", false, &bytes(&POINTS))),
         (Npy, plain(), npy("'>f4'", "(3, 4)", true, &columns)),
-        (Npy, quarter(), npy(named, "(3,)", false, &rows(false))),
+        (Npy, quarter(), named("('ring', '|u1', (1, 2))")),
+        (Npy, quarter(), named("('', '|V2')")),
         (Pcd, quarter(), pcd("ascii", text().as_bytes())),
         (Pcd, quarter(), pcd("binary", &rows(false))),
         (Pcd, quarter(), pcd("binary_compressed", &compressed())),
@@ -142,6 +147,7 @@ fn a_cut_file_gives_its_whole_points_and_says_so() {
     };
     let cases = [
         (Pcd, pcd("binary", &rows(false))),
+        (Pcd, pcd("ascii", text().as_bytes())),
         (Ply, ply("binary_little_endian", &rows(false))),
         (NuScenes, vec![0; 60]),
     ];
@@ -149,6 +155,8 @@ fn a_cut_file_gives_its_whole_points_and_says_so() {
         let (out, is_cut) = converted(format, &quarter(), cut(file)).unwrap();
         assert_eq!((out.len(), is_cut), (32, true), "{format:?}");
     }
+    let endless = npy("'<f4'", "(18446744073709551615, 3)", true, &[0; 24]);
+    assert_eq!(converted(Npy, &quarter(), endless).unwrap(), (vec![], true));
 }
 
 #[test]
@@ -181,13 +189,24 @@ fn files_that_do_not_fit_are_named() {
         (&[0], true),
         (&[72], false),
     ] {
-        assert_eq!(check_columns(sizes).is_ok(), is_fine, "{sizes:?}");
+        assert_eq!(check_columns(sizes, &[]).is_ok(), is_fine, "{sizes:?}");
     }
-    let no_x = String::from_utf8(pcd("ascii", b"")).unwrap();
-    let no_x = no_x.replace(" x ", " a ").into_bytes();
+    // Sizes that fit four columns and five: points with a ring, without one, and none but missing returns.
+    let rings = (0..200u8).map(|i| f32::from(i % 32));
+    let five: Vec<_> = rings.clone().map(|v| [0.5, 1.0, 2.0, 0.5, v]).collect();
+    let none: Vec<_> = rings.map(|v| [0.0, 0.0, 0.0, v]).collect();
+    let starts = [bytes(&five), bytes(&POINTS.repeat(100)), bytes(&none)];
+    let are_fine = starts.map(|start| check_columns(&[4000], &start).is_ok());
+    assert_eq!(are_fine, [false, true, true]);
+    let changed = |from: &str, to: &str| {
+        let text = String::from_utf8(pcd("ascii", b"")).unwrap();
+        (Pcd, text.replace(from, to).into_bytes())
+    };
     let files = [
         (Pcd, b"hello".to_vec()),
-        (Pcd, no_x),
+        changed(" x ", " a "),
+        changed("SIZE 4 2", "SIZE 4 3"),
+        changed("POINTS 3\n", ""),
         (Pcd, pcd("zip", b"")),
         (Pcd, pcd("ascii", b"1 2\n")),
         (Ply, b"ply".to_vec()),

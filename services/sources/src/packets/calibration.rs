@@ -95,8 +95,7 @@ impl VelodyneTable {
             let expected = "each laser_id from 0 on once, at most 256";
             return refused("calibration: lasers", expected, found);
         }
-        for laser in &lasers {
-            let l = laser;
+        for l in &lasers {
             let near_m = [l.dist_correction, l.dist_correction_x, l.dist_correction_y];
             let off_m = [l.vert_offset_correction, l.horiz_offset_correction];
             let angles_rad = [l.rot_correction, l.vert_correction];
@@ -104,9 +103,9 @@ impl VelodyneTable {
             let is_fine = near_m.iter().chain(&off_m).all(|m| m.abs() <= 10.0)
                 && angles_rad.iter().all(|rad| rad.abs() <= 6.3);
             if !is_fine {
-                let field = format!("calibration: laser {}", laser.laser_id);
+                let field = format!("calibration: laser {}", l.laser_id);
                 let expected = "corrections of at most 10 m and 6.3 rad";
-                return refused(field, expected, format!("{laser:?}"));
+                return refused(field, expected, format!("{l:?}"));
             }
         }
         let unit_m = file.distance_resolution;

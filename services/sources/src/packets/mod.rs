@@ -200,12 +200,9 @@ impl<'a> Detector<'a> {
 
     /// What to say where all were looked at in vain.
     pub fn not_found(&self) -> SourceError {
-        let expected = match self.calibration {
-            Some(calibration) => calibration.describe(),
-            None => {
-                "a Velodyne or Hesai sensor's (an Ouster's need its metadata as calibration)".into()
-            }
-        };
+        let any = "a Velodyne or Hesai sensor's (an Ouster's need its metadata as calibration)";
+        let given = self.calibration.map(Calibration::describe);
+        let expected = given.unwrap_or_else(|| any.into());
         let found = match self.lengths[..] {
             [] => "no datagram".to_string(),
             _ => format!("datagrams of {:?} bytes", self.lengths),

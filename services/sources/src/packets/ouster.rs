@@ -128,31 +128,35 @@ impl Metadata {
             return refused("calibration: udp_profile_lidar", known.join(", "), name);
         };
         let [rows, columns, columns_per_packet] = fields.shape()?;
-        let origin_mm = match (
+        let (origin, origin_mm) = match (
             fields.beam_to_lidar_transform,
             fields.lidar_origin_to_beam_origin_mm,
         ) {
-            (Some(matrix), _) => [matrix[3], matrix[11]],
-            (None, Some(out_mm)) => [out_mm, 0.0],
+            (Some(matrix), _) => ("beam_to_lidar_transform", [matrix[3], matrix[11]]),
+            (None, Some(out_mm)) => ("lidar_origin_to_beam_origin_mm", [out_mm, 0.0]),
             (None, None) => {
                 return refused("calibration: lidar_origin_to_beam_origin_mm", "mm", "none");
             }
         };
         let angles = fields.beam_altitude_angles.iter();
         let angles = angles.zip(&fields.beam_azimuth_angles);
-        let numbers = angles.clone().flat_map(|(a, b)| [*a, *b]).chain(origin_mm);
-        let mut numbers = numbers.chain(fields.lidar_to_sensor_transform);
-        // Not a number is not within.
-        if !numbers.all(|number| number.abs() <= 1e5) {
-            let place = "calibration: angles and transforms";
-            return refused(place, "at most 100000", "more");
+        let mut sensor_from_lidar = fields.lidar_to_sensor_transform;
+        for (name, numbers) in [
+            ("beam_altitude_angles", &fields.beam_altitude_angles[..]),
+            ("beam_azimuth_angles", &fields.beam_azimuth_angles[..]),
+            (origin, &origin_mm[..]),
+            ("lidar_to_sensor_transform", &sensor_from_lidar[..]),
+        ] {
+            // Not a number is not within.
+            if let Some(found) = numbers.iter().find(|v| !(-1e5..=1e5).contains(*v)) {
+                return refused(format!("calibration: {name}"), "-100000 to 100000", found);
+            }
         }
         let sin_cos = |(altitude, azimuth): (&f32, &f32)| {
             let (sin, cos) = altitude.to_radians().sin_cos();
             let (turn_sin, turn_cos) = (-azimuth.to_radians()).sin_cos();
             [sin, cos, turn_sin, turn_cos]
         };
-        let mut sensor_from_lidar = fields.lidar_to_sensor_transform;
         for row in sensor_from_lidar.as_chunks_mut::<4>().0 {
             row[3] /= 1000.0;
         }

@@ -362,6 +362,7 @@ fn a_calibration_that_cannot_be_is_an_error_with_its_place() {
         (too_few, "found 3 altitudes, 512 columns"),
         (legacy.replace("512", "99999999"), "1 to 4096 columns"),
         (legacy.replace("_mm\"", "\""), "lidar_origin_to_beam_origin"),
+        (legacy.replace("[3, 1", "[3, 2e5"), "100000, found 200000"),
         (" ".repeat(5 << 20), "at most 4194304 bytes"),
     ];
     for (text, expected) in cases {

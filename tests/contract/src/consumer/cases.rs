@@ -7,8 +7,9 @@ use mluc_geometry::Random;
 use mluc_ipc_types::{Stage, WIRE_VERSION};
 use mluc_runtime::ClaimNote;
 use rustix::process::Signal;
+use serde_json::Value;
 
-use super::player::{Frame, Player, TOO_MANY_OBJECTS};
+use super::player::{Frame, Player};
 use super::{Session, Suite};
 use crate::suite::{Case, Outcome, fill, wrong_instance};
 
@@ -98,17 +99,16 @@ fn overload(session: &mut Session) -> Outcome {
     ))
 }
 
-/// Sends frames, then a sound one, which must be taken; fails where one of the first has a line of its number.
-fn are_not_used(session: &mut Session, what: &str, frame: Frame) -> anyhow::Result<()> {
+/// Sends a frame, then a sound one, which must be taken; gives the line of the first one.
+fn line_of(session: &mut Session, what: &str, frame: &Frame) -> anyhow::Result<Option<Value>> {
     let (sequence, before) = (frame.header.sequence, session.lines()?.len());
-    session.player()?.send(&frame)?;
+    session.player()?.send(frame)?;
     std::thread::sleep(TAKEN);
+    // Each line is read as JSON, which has no NaN.
     let sound = session.ask();
     sound.with_context(|| format!("the sound frame after: {what}"))?;
     let mut lines = session.lines()?.into_iter().skip(before);
-    let used = lines.any(|line| line["sequence"] == sequence);
-    ensure!(!used, "{what}: it was used");
-    Ok(())
+    Ok(lines.find(|line| line["sequence"] == sequence))
 }
 
 type Spoil = fn(&mut Frame);
@@ -130,7 +130,8 @@ fn hostile_headers(session: &mut Session) -> Outcome {
     for (what, spoil) in spoils {
         let mut frame = session.player()?.frame();
         spoil(&mut frame);
-        are_not_used(session, what, frame)?;
+        let line = line_of(session, what, &frame)?;
+        ensure!(line.is_none(), "{what}: it was used");
     }
     let count = spoils.len();
     Ok(format!(
@@ -138,29 +139,32 @@ fn hostile_headers(session: &mut Session) -> Outcome {
     ))
 }
 
+/// Whether a line has as many objects as were published, one of which was spoiled since, or has points whose indices were.
+fn passes_on(line: &Value, sound: &Frame, spoiled: &Frame) -> bool {
+    let objects = || line["objects"].as_array().into_iter().flatten();
+    let mut pairs = sound.objects.iter().zip(&spoiled.objects);
+    let is_object_spoiled = sound.objects.len() != spoiled.objects.len()
+        || pairs.any(|(sound, spoiled)| sound.is_published() && sound != spoiled);
+    let are_all_there = objects().count() >= sound.published_points().len();
+    let has_points = objects().any(|object| object["points"].as_u64() > Some(0));
+    is_object_spoiled && are_all_there || sound.indices != spoiled.indices && has_points
+}
+
 fn hostile_values(session: &mut Session) -> Outcome {
-    let spoils: [(&str, Spoil); 12] = [
-        ("600 objects", |f| {
-            f.objects.resize(TOO_MANY_OBJECTS, f.objects[0])
-        }),
+    let spoils: [(&str, Spoil); 14] = [
+        ("600 objects", |f| f.objects.resize(600, f.objects[0])),
+        ("centre NaN", |f| f.objects[0].center_m[0] = f32::NAN),
         ("class 4294967295", |f| f.objects[0].class_id = u32::MAX),
         ("kind 7", |f| f.objects[0].kind = 7),
         ("disposition 99", |f| f.objects[0].disposition = 99),
-        ("centre NaN", |f| f.objects[0].center_m[0] = f32::NAN),
         ("size infinite", |f| f.objects[2].size_m[1] = f32::INFINITY),
         ("score NaN", |f| f.objects[2].score = f32::NAN),
-        ("footprint of 4294967295 corners", |f| {
-            f.objects[0].footprint_count = u32::MAX
-        }),
-        ("suppressed by 4000000000", |f| {
-            f.objects[1].suppressed_by = 4_000_000_000
-        }),
-        ("points beyond object_points", |f| {
-            f.objects[2].points_count = 4_000_000_000
-        }),
-        ("indices beyond the points", |f| {
-            f.indices.fill(u32::MAX - 1)
-        }),
+        ("gate 7", |f| f.objects[0].gate = 7),
+        ("P(unknown) 7", |f| f.objects[2].unknown_probability = 7.0),
+        ("4e9 corners", |f| f.objects[0].footprint_count = u32::MAX),
+        ("suppressor 2^31", |f| f.objects[1].suppressed_by = 1 << 31),
+        ("2^31 points", |f| f.objects[2].points_count = 1 << 31),
+        ("indices 2^32-2", |f| f.indices.fill(u32::MAX - 1)),
         ("noise", |f| {
             let mut random = Random::new(7, &[]);
             fill(&mut random, &mut f.objects);
@@ -168,13 +172,12 @@ fn hostile_values(session: &mut Session) -> Outcome {
         }),
     ];
     for (what, spoil) in spoils {
-        let mut frame = session.player()?.frame();
+        let player = session.player()?;
+        let (sound, mut frame) = (player.frame(), player.frame());
         spoil(&mut frame);
-        session.player()?.send(&frame)?;
-        std::thread::sleep(TAKEN);
-        // Each line is read as JSON, which has no NaN.
-        let sound = session.ask();
-        sound.with_context(|| format!("the sound frame after: {what}"))?;
+        let line = line_of(session, what, &frame)?.unwrap_or_default();
+        let is_passed_on = passes_on(&line, &sound, &frame);
+        ensure!(!is_passed_on, "{what}: passed on in the line {line}");
     }
     Ok(format!("{} survived", spoils.len()))
 }
@@ -202,16 +205,18 @@ fn new_run(session: &mut Session) -> Outcome {
     let player = session.player()?;
     let points = player.frame().points.unwrap_or_default();
     player.send_scan(&points)?;
-    are_not_used(session, "a frame of the run before", old)?;
+    let line = line_of(session, "a frame of the run before", &old)?;
+    ensure!(line.is_none(), "a frame of the run before: it was used");
     Ok("joined from frame 0; the run before is over".to_string())
 }
 
 fn new_pipeline(session: &mut Session) -> Outcome {
     session.ask()?;
     session.player = None;
-    stays(session, Duration::from_secs(1))?;
+    let stayed = stays(session, Duration::from_secs(1));
     let tested = &session.tested;
     session.player = Some(Player::new(&tested.instance, &tested.options)?);
+    stayed?;
     let begun = Instant::now();
     session.first_frame()?;
     let took = begun.elapsed();

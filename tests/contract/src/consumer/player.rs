@@ -11,7 +11,7 @@ use crate::program::Options;
 use crate::suite::{begin_run, stamp};
 
 /// Room for messages that break the contract: longer than its bounds.
-pub(super) const TOO_MANY_OBJECTS: usize = OBJECTS_MAX + 88;
+const TOO_MANY_OBJECTS: usize = OBJECTS_MAX + 88;
 /// Of a scan.
 const POINTS: usize = 1000;
 

@@ -42,12 +42,8 @@ pub(crate) fn scan(things: &[Thing], count: usize) -> Vec<Point> {
         }
         let angle = share(number, 0.618_034) * std::f32::consts::TAU;
         let range = 3.0 + 57.0 * share(number, 0.414_214);
-        Point {
-            x_m: range * angle.cos(),
-            y_m: range * angle.sin(),
-            z_m: -SENSOR_HEIGHT_M,
-            intensity: 0.3,
-        }
+        let (sin, cos) = angle.sin_cos();
+        bytemuck::cast([range * cos, range * sin, -SENSOR_HEIGHT_M, 0.3])
     };
     (0..count).map(point).collect()
 }
@@ -61,12 +57,8 @@ fn on_sides(thing: &Thing, number: usize) -> Point {
         0 => (-l / 2.0, w * along),
         _ => (l * along, toward * w / 2.0),
     };
-    Point {
-        x_m: thing.x_m + dx,
-        y_m: thing.y_m + dy,
-        z_m: share(number, 0.414_214) * h - SENSOR_HEIGHT_M,
-        intensity: 0.6,
-    }
+    let z_m = share(number, 0.414_214) * h - SENSOR_HEIGHT_M;
+    bytemuck::cast([thing.x_m + dx, thing.y_m + dy, z_m, 0.6])
 }
 
 pub(crate) fn blob(thing: &Thing, count: usize) -> Vec<Point> {

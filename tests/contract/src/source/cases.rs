@@ -47,6 +47,8 @@ fn start(session: &mut Session) -> Outcome {
         );
         session.tested.check_alive("waiting for the stages")?;
     }
+    session.tested.terminate()?;
+    check_last_words(session, Health::ASKED_TO_END)?;
     Ok(format!("waits: '{}'", health.reason()))
 }
 

@@ -20,14 +20,14 @@ const BATCH: usize = 4;
 const PASSES: f64 = 3.0;
 /// Highest learning rate: a third of that of a fresh network, since the first weights are good. A guess.
 const LEARNING_RATE: f64 = 0.001;
-/// Scans and steps of the probe.
-const PROBE: (u32, u64) = (8, 3);
+/// Scans, of a sensor that sees all around, and steps of the probe.
+const PROBE: (f64, u64) = (8.0, 3);
 /// Validation scans an hour, and their bounds.
 const VAL_SCANS: (f64, [f64; 2]) = (120.0, [12.0, 240.0]);
 /// Judging a validation scan before, after and in each precision takes as long as training on so many scans (a guess); other work, this share of the time.
 const JUDGE_SCANS: f64 = 2.5;
 const OTHER_SHARE: f64 = 0.08;
-/// Fewer scans teach nothing about a sensor.
+/// Fewer scans of a sensor that sees all around teach nothing.
 const SCANS_MIN: f64 = 12.0;
 
 /// What was asked for: a folder holds one.
@@ -66,6 +66,12 @@ impl Request {
             resume: true,
             ..ExportOptions::new(Family::SimAny, split, scans, 1, folder)
         }
+    }
+
+    /// Scans that show as much as these do all around, so that every class is seen; at most 64 (a guess).
+    fn scans(&self, all: f64) -> f64 {
+        let width_deg = self.sensor.field_deg.map_or(360.0, |[_, width]| width);
+        (all * 360.0 / f64::from(width_deg)).ceil().min(64.0)
     }
 
     /// The training on from the first weights, which lie in `out`.
@@ -114,7 +120,7 @@ impl Plan {
         if folder.exists() {
             std::fs::remove_dir_all(&folder).context("the probe's folder")?;
         }
-        let (scans, steps) = PROBE;
+        let (scans, steps) = (request.scans(PROBE.0) as u32, PROBE.1);
         let train_folder = folder.join("scans/train");
         export_with_progress(&request.export(Split::Train, scans, train_folder.clone()))?;
         let simulate_s = start.elapsed().as_secs_f64() / f64::from(scans);
@@ -123,11 +129,8 @@ impl Plan {
         let bytes: u64 = files.filter_map(|f| Some(f.metadata().ok()?.len())).sum();
         // Of every point its instance too, 2 bytes beside 16.
         let scan_bytes = bytes / u64::from(scans) * 9 / 8;
-        let settings = TrainSettings {
-            steps,
-            validate_frames: 0,
-            ..request.settings(&folder.join("scans"), &folder.join("run"), out)
-        };
+        let mut settings = request.settings(&folder.join("scans"), &folder.join("run"), out);
+        (settings.steps, settings.validate_frames) = (steps, 0);
         let begun = Instant::now();
         train(&settings)?;
         let train_s = begun.elapsed().as_secs_f64() / (steps as f64 * BATCH as f64);
@@ -142,7 +145,7 @@ impl Plan {
         let val_scans = (request.hours * an_hour).clamp(fewest, most);
         let val_s = val_scans * (simulate_s + JUDGE_SCANS * train_s);
         let left_s = request.hours * 3600.0 * (1.0 - OTHER_SHARE) - probe_s - val_s;
-        let scans = (left_s / (simulate_s + PASSES * train_s)).max(SCANS_MIN);
+        let scans = (left_s / (simulate_s + PASSES * train_s)).max(request.scans(SCANS_MIN));
         Plan {
             simulate_s,
             train_s,
@@ -185,7 +188,7 @@ impl Plan {
             (scans * self.scan_bytes) as f64 / 1e9,
             out.display()
         ));
-        if f64::from(self.scans) <= 10.0 * SCANS_MIN {
+        if f64::from(self.scans) <= 10.0 * self.request.scans(SCANS_MIN) {
             print_err("warning: so few scans teach little; give it more hours");
         }
     }
@@ -204,10 +207,12 @@ mod tests {
                 hours,
                 init: String::new(),
             };
-            let plan = Plan::fitted(request, [simulate_s, train_s, 30.0], 1_000_000);
+            let mut plan = Plan::fitted(request, [simulate_s, train_s, 30.0], 1_000_000);
             let all: f64 = plan.minutes().iter().sum();
             let is_filled = all <= 60.0 * hours && all > 57.0 * hours;
             assert!(is_filled, "{all} min: {plan:?}");
+            plan.request.sensor.field_deg = Some([0.0, 120.0]);
+            assert_eq!(plan.request.scans(SCANS_MIN), 36.0);
         }
     }
 }

@@ -29,11 +29,12 @@ pub(super) fn run(arguments: OperatingArguments) -> anyhow::Result<()> {
     warn_unrecognized(labels, &rules);
     let operating = Operating::of(&input.frames, &input.counts, &rules);
     let tracks = Tracks::of(&input.frames, &input.counts, &rules);
-    // Each class that is merged into the unknown by itself, too.
+    // Each class that is merged into the unknown by itself, too: what lies on another of them is neither right nor wrong.
     let merged = rules.iter().filter(|rule| rule.valid.len() > 1);
     let class = |rule: &ClassRule, name: &String| ClassRule {
         name: name.clone(),
         valid: vec![name.clone()],
+        ignored: [&rule.valid[..], &rule.ignored].concat(),
         ..rule.clone()
     };
     let single = merged.flat_map(|rule| rule.valid.iter().map(move |name| class(rule, name)));

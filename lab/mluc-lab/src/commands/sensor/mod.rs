@@ -90,10 +90,8 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
             input.display()
         );
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
-        let profile = SensorProfile {
-            blind: estimator.blind(),
-            ..found.profile(&name)
-        };
+        let mut profile = found.profile(&name);
+        profile.blind = estimator.blind();
         let text = toml::to_string(&profile)?;
         // What cannot be read back must not be written.
         SensorProfile::parse(&text, &path.display().to_string())?;

@@ -16,7 +16,7 @@ const ANSWER_PATIENCE_NS: u64 = 10_000_000_000;
 const RESENDS_MAX: u32 = 2;
 /// How long the last frame of a run at the sensor's pace may take.
 const LAST_FRAME_NS: u64 = 5_000_000_000;
-const POLL_INTERVAL: Duration = Duration::from_millis(20);
+pub(super) const POLL_INTERVAL: Duration = Duration::from_millis(20);
 const TAKEN_POLL_INTERVAL: Duration = Duration::from_micros(200);
 
 /// At the sensor's rate, whether or not the stages behind keep up.
@@ -158,7 +158,8 @@ fn await_objects(sender: &mut Sender, sequence: u64, patience_ns: u64) -> anyhow
             }
         }
         sender.downstream.watch.update()?;
-        let is_restarted = sender.downstream.is_restarted_since(pids);
+        let mut pairs = pids.into_iter().zip(sender.downstream.pids());
+        let is_restarted = pairs.any(|(then, now)| then != 0 && now != 0 && then != now);
         if sender.shell.is_stopping() || monotonic_ns() >= deadline_ns || is_restarted {
             return Ok(false);
         }

@@ -9,7 +9,7 @@ use mluc_ingest::{DecodeReport, Expected, Guard, decode_bin, inspect_bin};
 use mluc_ipc_types::{Flags, FrameHeader, HealthState, Object, POINTS_MAX, Point, Stage, Topic};
 use mluc_model::{Model, SensorProfile};
 use mluc_runtime::{
-    HealthWatch, Input, Output, RuntimeError, Shell, finish, monotonic_ns, stamp_published,
+    HealthWatch, Input, Output, RuntimeError, Shell, count_frame, monotonic_ns, stamp_published,
     wall_clock_ns,
 };
 
@@ -92,7 +92,7 @@ impl Sender<'_> {
             self.downstream.watch.update()?;
             let missing = self.downstream.missing(&self.objects);
             if missing.is_empty() {
-                self.shell.state(HealthState::Running, "")?;
+                self.suspicion.tell(self.shell)?;
                 return Ok(true);
             }
             let reason = format!("waiting for {} to be ready", missing.join(", "));
@@ -138,10 +138,8 @@ impl Sender<'_> {
         loaded.is_set_aside = is_set_aside;
         loaded.report = inspect_bin(&loaded.scan.bytes);
         loaded.scan.flags = loaded.scan.flags.with(loaded.report.flags());
-        if self.source.missing() != self.suspicion.missing {
-            self.suspicion.missing = self.source.missing().to_string();
-            self.suspicion.tell(self.shell)?;
-        }
+        let missing = self.source.missing();
+        missing.clone_into(&mut self.suspicion.missing);
         self.shell.health.frames_in += u64::from(is_new) + loaded.scan.missed;
         self.shell.health.frames_dropped += loaded.scan.missed;
         Ok(true)
@@ -153,18 +151,12 @@ impl Sender<'_> {
         is_set_aside: bool,
         end_ns: u64,
     ) -> anyhow::Result<bool> {
-        let mut is_silent = false;
         loop {
-            match self.read(sequence, is_set_aside, &mut is_silent)? {
-                Next::Scan if is_silent => {
-                    self.suspicion.tell(self.shell)?;
-                    return Ok(true);
-                }
+            match self.read(sequence, is_set_aside)? {
                 Next::Scan => return Ok(true),
                 Next::NotYet if !self.shell.is_stopping() && monotonic_ns() < end_ns => {
                     if let Some(reason) = self.source.silence() {
                         self.shell.state(HealthState::Degraded, &reason)?;
-                        is_silent = true;
                     }
                     self.shell.tick()?;
                 }
@@ -173,13 +165,8 @@ impl Sender<'_> {
         }
     }
 
-    /// A file is read beside the heartbeats: a slow disk is no stage that hangs. `is_silent`: whether it was said.
-    fn read(
-        &mut self,
-        sequence: u64,
-        is_set_aside: bool,
-        is_silent: &mut bool,
-    ) -> anyhow::Result<Next> {
+    /// A file is read beside the heartbeats: a slow disk is no stage that hangs.
+    fn read(&mut self, sequence: u64, is_set_aside: bool) -> anyhow::Result<Next> {
         let (source, scan) = (&mut self.source, &mut self.loaded.scan);
         if is_set_aside {
             return source.pass_over(sequence, scan);
@@ -187,7 +174,7 @@ impl Sender<'_> {
         if source.is_live() {
             return source.load(sequence, scan);
         }
-        let begun = Instant::now();
+        let (begun, mut is_said) = (Instant::now(), false);
         std::thread::scope(|scope| {
             let (working, ended) = bounded::<()>(0);
             let reading = scope.spawn(move || {
@@ -195,8 +182,8 @@ impl Sender<'_> {
                 source.load(sequence, scan)
             });
             while ended.recv_timeout(READING_TICK) == Err(RecvTimeoutError::Timeout) {
-                if begun.elapsed() > Topic::SILENCE_MAX && !*is_silent {
-                    *is_silent = true;
+                if begun.elapsed() > Topic::SILENCE_MAX && !is_said {
+                    is_said = true;
                     let reason = format!("reading scan {sequence} takes long");
                     tracing::warn!("{reason}");
                     self.shell.state(HealthState::Degraded, &reason)?;
@@ -240,7 +227,7 @@ impl Sender<'_> {
         let is_loop = self.source.count() == Some(1);
         if attempt == 0 && !looks_later {
             let points = loan.elements_mut();
-            self.suspicion.judge(points, &report, is_loop, self.shell)?;
+            self.suspicion.judge(points, &report, is_loop);
         }
         loan.header_mut().flag(self.suspicion.suspected);
         stamp_published(Stage::Ingest, loan.header_mut());
@@ -251,15 +238,15 @@ impl Sender<'_> {
             // The same frame once more.
             self.shell.health.frames_out -= 1;
         }
-        finish(self.shell, Stage::Ingest, &header)?;
+        count_frame(self.shell, Stage::Ingest, &header);
         if looks_later {
             self.again
                 .resize(report.points_out as usize, Point::default());
             decode_bin(&self.loaded.scan.bytes, &mut self.again);
-            self.suspicion
-                .judge(&self.again, &report, is_loop, self.shell)?;
+            self.suspicion.judge(&self.again, &report, is_loop);
         }
-        Ok(())
+        self.suspicion.tell(self.shell)?;
+        Ok(self.shell.tick()?)
     }
 }
 
@@ -278,13 +265,7 @@ struct Suspicion {
 
 impl Suspicion {
     /// Holds a scan against what is expected; logs what is new. `is_loop`: one scan again and again is meant.
-    fn judge(
-        &mut self,
-        points: &[Point],
-        report: &DecodeReport,
-        is_loop: bool,
-        shell: &mut Shell,
-    ) -> Result<(), RuntimeError> {
+    fn judge(&mut self, points: &[Point], report: &DecodeReport, is_loop: bool) {
         let reasons = self.guards.made.check(points, report).iter();
         let reasons = reasons.filter(|reason| !is_loop || reason.flag() != Flags::SUSPECT_FROZEN);
         let (mut suspected, mut first) = (Flags::default(), None);
@@ -296,24 +277,23 @@ impl Suspicion {
                 tracing::warn!("suspect input: {reason}");
             }
         }
-        if suspected == self.suspected {
-            return Ok(());
+        if suspected != self.suspected {
+            self.suspected = suspected;
+            let reason = first.map(|reason| format!("suspect input: {reason}"));
+            self.reason = reason.unwrap_or_default();
         }
-        self.suspected = suspected;
-        self.reason = first.map_or_else(String::new, |reason| format!("suspect input: {reason}"));
-        self.tell(shell)
     }
 
     /// The state that follows from it.
     fn tell(&self, shell: &mut Shell) -> Result<(), RuntimeError> {
-        let state = match self.reason.is_empty() && self.missing.is_empty() {
-            true => HealthState::Running,
-            false => HealthState::Degraded,
-        };
-        if self.missing.is_empty() {
-            return shell.state(state, &self.reason);
+        if !self.missing.is_empty() {
+            let reason = format!("no scans of lidar{}", self.missing);
+            return shell.state(HealthState::Degraded, &reason);
         }
-        shell.state(state, &format!("no scans of lidar{}", self.missing))
+        match self.reason.as_str() {
+            "" => shell.state(HealthState::Running, ""),
+            reason => shell.state(HealthState::Degraded, reason),
+        }
     }
 }
 
@@ -348,11 +328,5 @@ impl DownstreamStages {
     /// Processes of the stages; 0: not heard of.
     pub(crate) fn pids(&self) -> [u32; 3] {
         BEHIND.map(|stage| self.watch.of(stage).map_or(0, |health| health.pid))
-    }
-
-    /// Whether a stage has another process than at the time of `pids`: it was restarted.
-    pub(crate) fn is_restarted_since(&self, pids: [u32; 3]) -> bool {
-        let mut pairs = pids.into_iter().zip(self.pids());
-        pairs.any(|(then, now)| then != 0 && now != 0 && then != now)
     }
 }

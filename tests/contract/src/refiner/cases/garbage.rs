@@ -58,7 +58,7 @@ pub(super) fn lengths(session: &mut Session) -> Outcome {
 
 type Spoil = fn(&mut Detection);
 
-const SPOILS: [(&str, Spoil); 14] = [
+const SPOILS: [(&str, Spoil); 16] = [
     ("class 4294967295", |d| d.class_id = u32::MAX),
     ("class 8", |d| d.class_id = 8),
     ("kind 7", |d| d.kind = 7),
@@ -71,9 +71,9 @@ const SPOILS: [(&str, Spoil); 14] = [
     ("yaw NaN", |d| d.yaw_rad = f32::NAN),
     ("score NaN", |d| d.score = f32::NAN),
     ("EDS NaN", |d| d.eds = f32::NAN),
-    ("normalised EDS infinite", |d| {
-        d.eds_normalised = f32::INFINITY;
-    }),
+    ("eds_normalised inf", |d| d.eds_normalised = f32::INFINITY),
+    ("P(unknown) 7", |d| d.unknown_probability = 7.0),
+    ("gate 7", |d| d.gate = 7),
     ("threshold NaN", |d| d.threshold = f32::NAN),
 ];
 
