@@ -157,7 +157,8 @@ fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
     others.scan(3);
     others.send(|_| (), 3);
     assert_eq!(both(&mut others).0, Some(3));
-    let spoils: [(&str, fn(&mut FrameHeader)); 8] = [
+    type Spoil = fn(&mut FrameHeader);
+    let spoils: [(&str, Spoil); 8] = [
         ("2^64-1", |h| h.sequence = u64::MAX),
         ("2^64-2", |h| h.sequence = u64::MAX - 1),
         ("not sent yet", |h| h.sequence = 5),
