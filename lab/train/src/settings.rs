@@ -226,7 +226,8 @@ impl TrainSettings {
             text += &format!(" data {data}");
         }
         if !self.known.is_empty() {
-            text += &format!(" known {}", self.known.join(","));
+            // Numbers of pasted objects were by place before.
+            text += &format!(" known by name {}", self.known.join(","));
         }
         if self.setting == Setting::Any {
             text += " floored, ahead";

@@ -1,6 +1,6 @@
 //! `--input -`: one file of scans from standard input, on the disk for as long as somebody runs on it.
 
-use std::fs::{DirBuilder, File, read_dir, remove_dir_all};
+use std::fs::{DirBuilder, File, read_dir, remove_dir_all, rename};
 use std::io::{IsTerminal, Read, copy, stdin};
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
@@ -49,11 +49,15 @@ impl Piped {
         }
         let folder = place.join(format!("{stem}{}", std::process::id()));
         let about = || format!("input -: {}", folder.display());
-        let made = DirBuilder::new().mode(0o700).create(&folder);
+        // Nobody finds it before it is locked.
+        let hidden = place.join(format!(".{stem}{}", std::process::id()));
+        let _ = remove_dir_all(&hidden);
+        let made = DirBuilder::new().mode(0o700).create(&hidden);
         made.with_context(about)?;
-        let piped = Piped(folder.clone());
-        let lock = File::open(&folder).with_context(about)?;
+        let lock = File::open(&hidden).with_context(about)?;
         let _ = lock.try_lock();
+        rename(&hidden, &folder).with_context(about)?;
+        let piped = Piped(folder.clone());
         // Locked until this process ends.
         std::mem::forget(lock);
         let mut head = Vec::new();

@@ -39,7 +39,9 @@ pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Res
         models: None,
     };
     let outcome = run(args, settings, shutdown.clone(), &mut compared);
-    let written = compared.writer.finish(|| shutdown.is_requested());
+    let written = compared
+        .writer
+        .finish(outcome.is_err(), || shutdown.is_requested());
     let outcome = outcome?;
     let (same, other) = (compared.same, compared.other);
     let (degraded, without) = (compared.degraded, compared.without);

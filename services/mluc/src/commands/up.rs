@@ -22,7 +22,9 @@ pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
         summary: Summary::default(),
     };
     let outcome = run(args, settings, shutdown.clone(), &mut lines);
-    let written = lines.writer.finish(|| shutdown.is_requested());
+    let written = lines
+        .writer
+        .finish(outcome.is_err(), || shutdown.is_requested());
     let outcome = outcome?;
     print_err(outcome.latencies.table().trim_end());
     print_err(hops(&outcome.status).trim_end());

@@ -32,7 +32,9 @@ pub(crate) fn run(
         given => given.unwrap_or(0),
     };
     let sensor = settings.sensor.load()?;
-    let sender = Sender::new(shell, source, model, sensor, first);
+    // A process of somebody else counts its own scans, not those before.
+    let counted = start_sequence.unwrap_or(0);
+    let sender = Sender::new(shell, source, model, sensor, counted);
     let mut sender = sender.context("opening the topics")?;
     if first == 0 {
         sender.wait_until_ready()?;

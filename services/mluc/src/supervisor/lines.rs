@@ -54,8 +54,12 @@ impl LineWriter {
         self.pace == Pace::Complete && self.lines.len() >= LINES_HOLD
     }
 
-    /// Waits for the reader, not for ever; gives the lines that were dropped. `is_stopping`: whether the program was asked to end.
-    pub(crate) fn finish(self, is_stopping: impl Fn() -> bool) -> anyhow::Result<u64> {
+    /// Waits for the reader, after a run that failed not for ever; gives the lines that were dropped. `is_stopping`: whether the program was asked to end.
+    pub(crate) fn finish(
+        self,
+        has_failed: bool,
+        is_stopping: impl Fn() -> bool,
+    ) -> anyhow::Result<u64> {
         let (mut lines, mut waiting, mut since) = (Some(self.lines), 0, Instant::now());
         while !self.thread.is_finished() {
             let left = lines.as_ref().map_or(0, Sender::len);
@@ -69,8 +73,8 @@ impl LineWriter {
             waiting = left;
             let patience = match (is_stopping(), self.pace) {
                 (true, _) => END_PATIENCE,
-                (false, Pace::Sensor) => IDLE_PATIENCE,
-                (false, Pace::Complete) => Duration::MAX,
+                (false, Pace::Complete) if !has_failed => Duration::MAX,
+                (false, _) => IDLE_PATIENCE,
             };
             if since.elapsed() > patience {
                 // One more is being written.

@@ -160,6 +160,8 @@ impl Supervisor {
         find_changes(&old?, &new?, "", &mut changed);
         // The settings name a copy.
         changed.retain(|key| key != "model");
+        // A replay has none, whatever a file says.
+        changed.retain(|key| key != "loop" || self.settings.repeat);
         if model.fingerprint != self.run.model_fingerprint {
             changed.push("model".to_string());
         }

@@ -412,25 +412,29 @@ fn worst_stage(health: &HealthWatch, now_ns: u64) -> Option<(bool, String)> {
     let words = Stage::ALL.into_iter().filter_map(|stage| {
         let name = stage.name();
         let Some(heartbeat) = health.of(stage) else {
-            return Some((1, format!("{name} is not heard of")));
+            return Some((2, false, format!("{name} is not heard of")));
         };
         if now_ns.saturating_sub(health.heard_ns(stage)) > SILENCE_NS {
-            return Some((3, format!("{name} is silent")));
+            return Some((3, true, format!("{name} is silent")));
         }
         let (_, state) = heartbeat.checked().ok()?;
-        let rank = match state {
+        let (rank, costs) = match state {
             HealthState::Running => return None,
-            HealthState::Degraded | HealthState::Failed => 2,
-            HealthState::Starting | HealthState::Stopping => 1,
-            HealthState::WaitingInput => 0,
+            HealthState::Starting | HealthState::Stopping => (2, false),
+            HealthState::Degraded | HealthState::Failed => (1, true),
+            HealthState::WaitingInput => (0, false),
         };
         let (state, reason) = (state.name(), heartbeat.reason());
         let what = if reason.is_empty() { state } else { reason };
-        Some((rank, format!("{name}: {what}")))
+        Some((rank, costs, format!("{name}: {what}")))
     });
+    let words: Vec<_> = words.collect();
+    let costs = words.iter().any(|(_, costs, _)| *costs);
     // Of equals the first one in the order of the frames.
-    let (rank, text) = words.min_by_key(|(rank, _)| std::cmp::Reverse(*rank))?;
-    Some((rank >= 2, text))
+    let worst = words
+        .into_iter()
+        .min_by_key(|(rank, ..)| std::cmp::Reverse(*rank))?;
+    Some((costs, worst.2))
 }
 
 #[cfg(test)]
