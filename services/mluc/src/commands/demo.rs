@@ -11,8 +11,9 @@ use mluc_sources::is_live;
 
 use super::up::Summary;
 use crate::settings::{Pace, Settings};
-use crate::supervisor::{Left, Sink, run};
-use crate::{bundled::BundledScans, cli::PipelineArgs, piped::Piped, terminal::print_out};
+use crate::supervisor::{Left, LineWriter, Sink, run};
+use crate::terminal::{print_err, print_out};
+use crate::{bundled::BundledScans, cli::PipelineArgs, piped::Piped};
 
 pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");
@@ -31,11 +32,27 @@ pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<Exi
     let own = || format!("demo-{}", std::process::id());
     args.instance.get_or_insert_with(own);
     let settings = Settings::resolve(args.clone())?;
-    let mut shown = Shown::default();
-    let outcome = run(args, settings, Shutdown::on_signals()?, &mut shown)?;
-    print_out(format_args!("\n{}", outcome.latencies.table()))?;
+    let shutdown = Shutdown::on_signals()?;
+    let mut shown = Shown {
+        writer: LineWriter::new(settings.pace),
+        best: None,
+        summary: Summary::default(),
+    };
+    let outcome = run(args, settings, shutdown.clone(), &mut shown);
+    let is_asked = || shutdown.is_requested();
+    let unread = shown.writer.finish(outcome.is_err(), is_asked)?;
+    let outcome = outcome?;
+    // Who does not read standard output is not waited for.
+    let say = |text: String| {
+        if unread == 0 {
+            return print_out(text);
+        }
+        print_err(text);
+        Ok(())
+    };
+    say(format!("\n{}", outcome.latencies.table()))?;
     let Some(best) = shown.best else {
-        print_out("no frame came out: no picture")?;
+        say("no frame came out: no picture".into())?;
         return Ok(shown.summary.exit_code(&outcome));
     };
     let view = View {
@@ -46,12 +63,12 @@ pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<Exi
     std::fs::write(picture, canvas.png())
         .with_context(|| format!("writing {}", picture.display()))?;
     let picture = picture.display();
-    print_out(format_args!("picture of frame {}: {picture}", best.name))?;
+    say(format!("picture of frame {}: {picture}", best.name))?;
     Ok(shown.summary.exit_code(&outcome))
 }
 
-#[derive(Default)]
 struct Shown {
+    writer: LineWriter,
     best: Option<Best>,
     summary: Summary,
 }
@@ -71,12 +88,11 @@ impl Sink for Shown {
         self.summary.record(header);
         let shown: Vec<&Object> = objects.iter().filter(|o| o.is_published()).collect();
         let (name, points_in, count) = (header.name(), header.points_in, shown.len());
-        print_out(format_args!(
-            "frame {name}: {points_in} points, {count} objects"
-        ))?;
+        let mut text = format!("frame {name}: {points_in} points, {count} objects");
         for object in &shown {
-            print_out(format_args!("  {}", describe(object, classes)))?;
+            text += &format!("\n  {}", describe(object, classes));
         }
+        let is_read = self.writer.hand_on(text.into_bytes());
         let unknown = shown.iter().filter(|object| is_unknown(object));
         let unknown = unknown.map(|object| object.score).sum();
         if self.best.as_ref().is_none_or(|best| unknown > best.unknown) {
@@ -87,11 +103,15 @@ impl Sink for Shown {
                 boxes: shown.iter().map(|object| drawn(object, classes)).collect(),
             });
         }
-        Ok(true)
+        Ok(is_read)
     }
 
     fn needs_points(&self) -> bool {
         true
+    }
+
+    fn is_behind(&self) -> bool {
+        self.writer.is_behind()
     }
 }
 

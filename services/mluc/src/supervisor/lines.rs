@@ -39,14 +39,18 @@ impl LineWriter {
 
     /// Hands a line on, without waiting. False: nobody reads any more.
     pub(crate) fn write(&mut self, line: &impl Serialize) -> anyhow::Result<bool> {
-        let mut bytes = serde_json::to_vec(line)?;
-        bytes.push(b'\n');
-        let sent = self.lines.try_send(bytes);
+        Ok(self.hand_on(serde_json::to_vec(line)?))
+    }
+
+    /// The same of text.
+    pub(crate) fn hand_on(&mut self, mut line: Vec<u8>) -> bool {
+        line.push(b'\n');
+        let sent = self.lines.try_send(line);
         if matches!(sent, Err(TrySendError::Full(_))) {
             self.dropped += 1;
             tracing::warn!("a line was dropped: the reader of stdout is too slow");
         }
-        Ok(!matches!(sent, Err(TrySendError::Disconnected(_))))
+        !matches!(sent, Err(TrySendError::Disconnected(_)))
     }
 
     /// Whether the next frames have to wait for the reader.
