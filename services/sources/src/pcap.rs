@@ -137,7 +137,9 @@ impl Capture {
                 }
                 Err(error) => {
                     let is_long = matches!(error, PcapError::BufferTooSmall);
-                    if !is_long || !self.reader.grow(BLOCK_BYTES_MAX) {
+                    // No block is longer than its file, whatever it says.
+                    let bytes = std::fs::metadata(&self.path).map_or(0, |file| file.len());
+                    if !is_long || !self.reader.grow(BLOCK_BYTES_MAX.min(bytes as usize)) {
                         break;
                     }
                 }
