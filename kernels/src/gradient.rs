@@ -3,8 +3,8 @@
 use rayon::prelude::*;
 
 use crate::{
-    Gather,
-    simd::{Aligned, AlignedArray, BLOCK, Kernel, LINE, Level, Lists, Simd, gradient_tiles},
+    Element, Gather,
+    simd::{Aligned, BLOCK, Kernel, LINE, Level, Lists, Rows, Simd, gradient_tiles},
     weights::{PANEL_MAX, Panel, check, panels},
 };
 
@@ -17,16 +17,16 @@ const PART_BLOCKS_MIN: usize = 4;
 ///
 /// `input`: rows of `cin`; `output_gradient`: rows of `cout`; `gradient`: `taps * cin * cout`.
 ///
-/// Runs over rayon's ambient pool. The rows are cut into parts by their number alone and the parts are added in order,
+/// Sums are f32. Runs over rayon's ambient pool. The rows are cut into parts by their number alone and the parts are added in order,
 /// so the bits of the result do not depend on the number of threads.
 ///
 /// # Panics
 /// When lengths or row numbers contradict each other (a broken invariant, not data).
-pub fn weight_gradient(
-    input: &[f32],
+pub fn weight_gradient<I: Element<Sum = f32>>(
+    input: &[I],
     cin: usize,
     gather: &Gather,
-    output_gradient: &[f32],
+    output_gradient: &[I],
     cout: usize,
     gradient: &mut [f32],
 ) {
@@ -35,12 +35,12 @@ pub fn weight_gradient(
 }
 
 /// [`weight_gradient`] with the registers of `level`, for tests and measurements.
-pub fn weight_gradient_at(
+pub fn weight_gradient_at<I: Element<Sum = f32>>(
     level: Level,
-    input: &[f32],
+    input: &[I],
     cin: usize,
     gather: &Gather,
-    output_gradient: &[f32],
+    output_gradient: &[I],
     cout: usize,
     gradient: &mut [f32],
 ) {
@@ -86,51 +86,37 @@ pub fn weight_gradient_at(
 }
 
 /// A run of output rows; its result is `[tap][cin][cout padded to whole lines]`.
-struct Part<'a> {
-    input: &'a [f32],
+struct Part<'a, I> {
+    input: &'a [I],
     cin: usize,
     index: &'a [u32],
     taps: usize,
-    output_gradient: &'a [f32],
+    output_gradient: &'a [I],
     cout: usize,
 }
 
-impl Kernel for Part<'_> {
+impl<I: Element<Sum = f32>> Kernel for Part<'_, I> {
     type Output = Aligned<f32>;
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) -> Aligned<f32> {
         let padded = self.cout.next_multiple_of(LINE);
         let mut sums = Aligned::zeros(self.taps * self.cin * padded);
-        let mut rows = AlignedArray([0.0; BLOCK * PANEL_MAX]);
+        let [mut inputs, mut outputs] = [self.cin, PANEL_MAX].map(Rows::new);
         let indices = self.index.chunks(BLOCK * self.taps);
         let blocks = indices.zip(self.output_gradient.chunks(BLOCK * self.cout));
-        for (index, output_gradient) in blocks {
+        for (index, block) in blocks {
             let mut lists = Lists::new(index, self.taps);
-            for panel in panels(self.cout) {
-                let rows = pack(output_gradient, self.cout, panel, &mut rows.0);
-                let sums = sums.as_mut_slice();
-                for (tap, sums) in sums.chunks_exact_mut(self.cin * padded).enumerate() {
-                    let listed = lists.at_tap(simd, tap);
-                    let (sums, width) = (&mut sums[panel.first..], panel.width);
-                    gradient_tiles(
-                        simd, self.input, self.cin, listed, rows, width, sums, padded,
-                    );
+            let sums = sums.as_mut_slice().chunks_exact_mut(self.cin * padded);
+            for (tap, sums) in sums.enumerate() {
+                let listed = lists.at_tap(simd, tap);
+                inputs.inputs(self.input, self.cin, listed);
+                for Panel { first, used, .. } in panels(self.cout) {
+                    outputs.outputs(block, self.cout, first..first + used, listed);
+                    gradient_tiles(simd, &inputs, &outputs, &mut sums[first..], padded);
                 }
             }
         }
         sums
     }
-}
-
-/// Copies the channels of one panel side by side, padded with zeros.
-#[inline(always)]
-fn pack<'a>(output_gradient: &[f32], cout: usize, panel: Panel, rows: &'a mut [f32]) -> &'a [f32] {
-    let rows = &mut rows[..output_gradient.len() / cout * panel.width];
-    let from = output_gradient.chunks_exact(cout);
-    for (to, from) in rows.chunks_exact_mut(panel.width).zip(from) {
-        to[..panel.used].copy_from_slice(&from[panel.first..][..panel.used]);
-        to[panel.used..].fill(0.0);
-    }
-    rows
 }

@@ -151,18 +151,23 @@ fn named_rows_are_written_and_no_other() {
 
 #[test]
 fn weight_gradient_equals_plain() {
-    for case in Case::<f32>::all() {
-        let Case { cin, cout, .. } = case;
-        let (input, gather) = (&case.input, &case.gather);
-        let dy = Random(3).values(gather.outputs() * cout);
-        let mut expected = common::weight_gradient(input, cin, gather, &dy, cout);
-        expected.iter_mut().for_each(|g| *g += 0.25);
-        for level in Level::all() {
-            let mut gradient = vec![0.25; expected.len()];
-            weight_gradient_at(level, input, cin, gather, &dy, cout, &mut gradient);
-            assert_near(&gradient, &expected, TOLERANCE, &case.name(level));
+    fn check<I: Input<Sum = f32>>() {
+        for case in Case::<I>::all() {
+            let Case { cin, cout, .. } = case;
+            let (input, gather) = (&case.input, &case.gather);
+            let dy = I::inputs(&mut Random(3), gather.outputs() * cout);
+            let plain: Vec<f32> = dy.iter().map(|dy| dy.to_f32()).collect();
+            let mut expected = common::weight_gradient(&case.input(), cin, gather, &plain, cout);
+            expected.iter_mut().for_each(|g| *g += 0.25);
+            for level in Level::all() {
+                let mut gradient = vec![0.25; expected.len()];
+                weight_gradient_at(level, input, cin, gather, &dy, cout, &mut gradient);
+                assert_near(&gradient, &expected, I::TOLERANCE, &case.name(level));
+            }
         }
     }
+    check::<f32>();
+    check::<Bf16>();
 }
 
 /// Without bias and ReLU, in the order of the rows.

@@ -27,6 +27,7 @@ mod list;
 mod neon;
 mod operand;
 mod plain;
+mod rows;
 mod tiles;
 mod winograd;
 
@@ -34,6 +35,7 @@ pub(crate) use aligned::{Aligned, AlignedArray, LINE, Room};
 pub use level::{Level, at_best};
 pub(crate) use list::{BLOCK, Lists};
 pub(crate) use operand::{Operand, Sum};
+pub(crate) use rows::Rows;
 pub(crate) use tiles::{convolve_tiles, gradient_tiles};
 pub use winograd::Tiled;
 pub(crate) use winograd::{Output, TILES_MAX, WINDOWS, Windows};

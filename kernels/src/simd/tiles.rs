@@ -5,9 +5,9 @@
 //! the shape of its tile: the bits depend neither on the shapes nor on the threads.
 
 use super::{
-    LINE, Operand, Simd,
+    LINE, Operand, Rows, Simd,
     cover::{Tile, cover},
-    list::{Listed, Pair},
+    list::Listed,
     load,
     operand::{multiply, step},
     store,
@@ -80,65 +80,57 @@ impl<I: Operand> Tile for Convolve<'_, I> {
     }
 }
 
-/// `gradient[i] += input[pair.input][i] * output_gradient[pair.row]`, summed over the pairs, for each input channel `i`.
+/// `gradient[i] += inputs[p][i] * outputs[p]`, summed over the listed pairs `p`, for each input channel `i`.
 ///
-/// `input`: rows of `cin`. `output_gradient`: rows of `width`. `gradient`: `cin` rows of `width`, `stride` values apart.
+/// `gradient`: a row as wide as `outputs` for each input channel, `stride` values apart.
 #[inline(always)]
-pub(crate) fn gradient_tiles<S: Simd>(
+pub(crate) fn gradient_tiles<I: Operand<Sum = f32>, S: Simd>(
     simd: S,
-    input: &[f32],
-    cin: usize,
-    listed: Listed,
-    output_gradient: &[f32],
-    width: usize,
+    inputs: &Rows<I>,
+    outputs: &Rows<I>,
     gradient: &mut [f32],
     stride: usize,
 ) {
-    assert!(width.is_multiple_of(LINE), "rows of {width}");
-    listed.check(input.len() / cin, output_gradient.len() / width);
+    let (cin, width) = (inputs.channels, outputs.width());
+    assert_eq!(inputs.steps, outputs.steps, "steps of inputs and outputs");
     assert!(width <= stride && gradient.len() >= (cin - 1) * stride + width);
     let tile = Gradient {
-        input: input.as_ptr(),
-        cin,
-        pairs: listed.pairs(),
-        output_gradient: output_gradient.as_ptr(),
-        width,
+        inputs,
+        outputs,
         gradient: gradient.as_mut_ptr(),
         stride,
     };
-    // SAFETY: the table has a row for each input channel and `width` columns; `check` has seen that every pair points to
-    // whole rows of `input` and `output_gradient`, and `gradient` holds `cin` rows of `width` at `stride`.
+    // SAFETY: the table has a row for each input channel and `width` columns; `inputs` and `outputs` hold their steps whole, and
+    // `gradient` holds `cin` rows of `width` at `stride`.
     unsafe { cover(simd, cin, width, &tile) }
 }
 
-struct Gradient<'a> {
-    input: *const f32,
-    cin: usize,
-    pairs: &'a [Pair],
-    output_gradient: *const f32,
-    width: usize,
+struct Gradient<'a, I: Operand> {
+    inputs: &'a Rows<I>,
+    outputs: &'a Rows<I>,
     gradient: *mut f32,
     stride: usize,
 }
 
-impl Tile for Gradient<'_> {
+impl<I: Operand<Sum = f32>> Tile for Gradient<'_, I> {
     #[inline(always)]
     unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]) {
         let [row, column] = at;
-        // SAFETY: `gradient_tiles` has checked the pairs and the lengths, the caller gives rows (input channels) and columns inside.
+        // SAFETY: `gradient_tiles` has checked the lengths, the caller gives rows (input channels) and columns inside.
         unsafe {
             let mut sums = [self.gradient; R];
             for r in 0..R {
                 sums[r] = self.gradient.add((row + r) * self.stride + column);
             }
-            let mut totals = load_tile::<f32, S, R, V>(sums);
-            for pair in self.pairs {
-                let input = self.input.add(pair.input as usize * self.cin + row);
-                let from = pair.row as usize * self.width + column;
-                let input = |r: usize| input.add(r);
-                step(simd, input, self.output_gradient.add(from), &mut totals);
+            let mut totals = load_tile::<I, S, R, V>(sums);
+            let (mut input, mut output) = (self.inputs.as_ptr(), self.outputs.as_ptr());
+            (input, output) = (input.add(row), output.add(column));
+            for _ in 0..self.outputs.steps {
+                step(simd, |r| input.add(r).cast::<I>(), output, &mut totals);
+                input = input.add(self.inputs.width());
+                output = output.add(self.outputs.width());
             }
-            store_tile::<f32, S, R, V>(sums, totals);
+            store_tile::<I, S, R, V>(sums, totals);
         }
     }
 }

@@ -4,6 +4,7 @@
 use crate::{Layout, Result, Setting, layout::write_whole, setting::Sizes};
 use mluc_dataset::read_text;
 use mluc_evaluate::EvaluateError;
+use mluc_kernels::Level;
 use mluc_model::Model;
 use mluc_train::NetworkKind;
 use serde::Deserialize;
@@ -90,7 +91,10 @@ impl Training {
         add("--batch", sizes.batch.to_string());
         add("--seed", seed.to_string());
         add("--validate-frames", validate_frames.to_string());
-        arguments.push("--bf16".to_owned());
+        // Where the processor multiplies bf16; elsewhere f32 is faster.
+        if Level::best().name() == "avx512bf16" {
+            arguments.push("--bf16".to_owned());
+        }
         Training {
             network,
             seed,

@@ -5,7 +5,7 @@ use std::ops::Range;
 use mluc_kernels::{Element, Epilogue, Gather, Weights, convolve, weight_gradient};
 
 use crate::norm::{self, Activation, Statistics, Tail};
-use crate::pool::Pool;
+use crate::pool::{Pool, round};
 
 /// Which rows a layer reads and writes in one batch.
 #[derive(Clone, Debug, Default)]
@@ -41,7 +41,7 @@ pub struct Layer {
     pub beta: Range<usize>,
     /// Which running statistics are this layer's.
     pub norm: usize,
-    /// Multiply the gradient of the layer's input in bf16 (all else stays f32).
+    /// Multiply in bf16, forward and backward; sums and all else stay f32.
     pub bf16: bool,
 }
 
@@ -59,10 +59,13 @@ impl Layer {
         pool: &mut Pool,
     ) -> Activation {
         let plain = &parameters[self.weight.clone()];
-        let weights = Weights::pack(self.taps, self.cin, self.cout, plain);
         let mut x = pool.take(plan.gather.outputs() * self.cout);
-        let no_bias = Epilogue::default();
-        convolve(input, &plan.gather, &weights, no_bias, None, &mut x);
+        if self.bf16 {
+            let input = round(input, &mut pool.rounded[0]);
+            self.convolve(input, &plan.gather, plain, &mut x);
+        } else {
+            self.convolve(input, &plan.gather, plain, &mut x);
+        }
         let mut y = pool.take(x.len());
         let affine = [&self.gamma, &self.beta].map(|range| &parameters[range.clone()]);
         let statistics = if let Some(running) = running {
@@ -85,29 +88,52 @@ impl Layer {
         mut gradient: Vec<f32>,
         pool: &mut Pool,
     ) -> Vec<f32> {
-        let shape @ [_, cin, cout] = [self.taps, self.cin, self.cout];
+        let mut all = vec![];
+        if plan.transposed.is_some() {
+            all = pool.take(input.len());
+        }
         let affine = &mut pool.gradients[self.gamma.start..self.beta.end];
         let affine = affine.split_at_mut(self.channels);
         let gamma = &parameters[self.gamma.clone()];
         norm::backward(activation, plan.tail, gamma, &mut gradient, affine);
+        let plain = &parameters[self.weight.clone()];
         let weight = &mut pool.gradients[self.weight.clone()];
-        weight_gradient(input, cin, &plan.gather, &gradient, cout, weight);
-        let mut all = vec![];
-        if let Some(transposed) = &plan.transposed {
-            let plain = &parameters[self.weight.clone()];
-            all = pool.take(input.len());
-            let (to, last) = all.split_at_mut(transposed.outputs() * cin);
-            if self.bf16 {
-                convolve_transposed(pool.round(&gradient), transposed, shape, plain, to);
-            } else {
-                convolve_transposed(&gradient, transposed, shape, plain, to);
-            }
-            if let Some(background) = plan.background {
-                self.background_gradient(plain, &gradient, &plan.gather, background, last);
-            }
+        if self.bf16 {
+            let [x, dy] = &mut pool.rounded;
+            let (x, dy) = (round(input, x), round(&gradient, dy));
+            self.gradients(x, dy, plan, plain, weight, &mut all);
+        } else {
+            self.gradients(input, &gradient, plan, plain, weight, &mut all);
+        }
+        if let (Some(transposed), Some(background)) = (&plan.transposed, plan.background) {
+            let last = &mut all[transposed.outputs() * self.cin..];
+            self.background_gradient(plain, &gradient, &plan.gather, background, last);
         }
         pool.give(gradient);
         all
+    }
+
+    fn convolve<I: Element>(&self, input: &[I], gather: &Gather, plain: &[f32], to: &mut [f32]) {
+        let weights = Weights::pack(self.taps, self.cin, self.cout, plain);
+        convolve(input, gather, &weights, Epilogue::default(), None, to);
+    }
+
+    /// Adds the gradient of the weights, and writes that of the input where the plan wants it.
+    fn gradients<I: Element<Sum = f32>>(
+        &self,
+        input: &[I],
+        gradient: &[I],
+        plan: &LayerPlan,
+        plain: &[f32],
+        weight: &mut [f32],
+        to: &mut [f32],
+    ) {
+        let shape @ [_, cin, cout] = [self.taps, self.cin, self.cout];
+        weight_gradient(input, cin, &plan.gather, gradient, cout, weight);
+        if let Some(transposed) = &plan.transposed {
+            let to = &mut to[..transposed.outputs() * cin];
+            convolve_transposed(gradient, transposed, shape, plain, to);
+        }
     }
 
     /// Gradient of the background row: for each tap, the sum of its readers' gradients times that tap's weights.

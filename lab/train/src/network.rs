@@ -200,7 +200,7 @@ impl Chain {
         }
     }
 
-    /// Multiplies gradients of layers' inputs in bf16, where a layer's channels are worth it.
+    /// Multiplies in bf16, where a layer's channels are worth it.
     pub fn use_bf16(&mut self) {
         let blocks = self.sparse.iter_mut().chain(&mut self.block1);
         let blocks = blocks.chain(&mut self.block2);

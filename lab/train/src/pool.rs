@@ -1,6 +1,6 @@
 //! Memory reused from step to step: a fresh large allocation costs a page fault every 4 KiB.
 
-use mluc_kernels::{Bf16, Element};
+use mluc_kernels::{Bf16, Element, at_best};
 use rayon::prelude::*;
 
 /// Values of a task that rounds to bf16.
@@ -13,8 +13,9 @@ const FREE_MAX: usize = 96;
 pub struct Pool {
     /// Of every parameter; the backward pass adds to them.
     pub gradients: Vec<f32>,
+    /// What a layer multiplies in bf16: its input, and its output's gradient.
+    pub(crate) rounded: [Vec<Bf16>; 2],
     free: Vec<Vec<f32>>,
-    rounded: Vec<Bf16>,
 }
 
 impl Pool {
@@ -46,19 +47,21 @@ impl Pool {
             self.free.push(vector);
         }
     }
+}
 
-    /// `values` in bf16, in memory that the next call takes again.
-    pub(crate) fn round(&mut self, values: &[f32]) -> &[Bf16] {
-        if self.rounded.len() < values.len() {
-            self.rounded = vec![Bf16(0); values.len() + values.len() / 4];
-        }
-        let to = &mut self.rounded[..values.len()];
-        let tasks = to.par_chunks_mut(ROUND_CHUNK);
-        let tasks = tasks.zip(values.par_chunks(ROUND_CHUNK));
-        tasks.for_each(|(to, from)| {
+/// `values` in bf16, in memory that is taken again and again.
+pub(crate) fn round<'a>(values: &[f32], room: &'a mut Vec<Bf16>) -> &'a [Bf16] {
+    if room.len() < values.len() {
+        *room = vec![Bf16(0); values.len() + values.len() / 4];
+    }
+    let to = &mut room[..values.len()];
+    let tasks = to.par_chunks_mut(ROUND_CHUNK);
+    let tasks = tasks.zip(values.par_chunks(ROUND_CHUNK));
+    tasks.for_each(|(to, from)| {
+        at_best(|| {
             let pairs = to.iter_mut().zip(from);
             pairs.for_each(|(to, from)| *to = Bf16::from_f32(*from));
         });
-        to
-    }
+    });
+    to
 }
