@@ -559,6 +559,7 @@ class Refiner(Stage):
     def publish(self, frame, objects, indices):
         """The objects (an array of dtype Object) and their points: indices into the frame's."""
         header = frame.header
+        objects = np.ascontiguousarray(objects, Object)  # what is sent is its memory
         if len(indices) > OBJECT_POINTS_MAX:
             indices = self.thin(header, objects, indices)
         self.send("object_points", header, np.ascontiguousarray(indices, np.uint32))

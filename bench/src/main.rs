@@ -1,5 +1,9 @@
-//! `mluc-bench`; `mluc bench` starts it.
+//! The program `mluc-bench`: measurements of mluc. `mluc bench` starts it.
+
+mod machine;
+mod report;
+mod run;
 
 fn main() -> std::process::ExitCode {
-    mluc_bench::program()
+    run::program()
 }

@@ -9,13 +9,9 @@ use bytemuck::Zeroable;
 use mluc_ipc_types::{
     Detection, Flags, FrameHeader, Object, Point, RunDescription, Status, WIRE_VERSION,
 };
-use mluc_runtime::RuntimeError;
 
 use crate::error::{Code, Failure, last, remember};
 use crate::{consumer::Consumer, refiner::Refiner, source::Source};
-
-/// `mluc_refiner` in C: a handle.
-pub struct MlucRefiner(Refiner);
 
 /// `mluc_frame` in C: where a frame lies in shared memory. Readable until the next call with the same handle.
 #[derive(Clone, Copy, Debug, Zeroable)]
@@ -34,9 +30,6 @@ pub struct MlucFrame {
     /// How many.
     pub detections_count: usize,
 }
-
-/// `mluc_consumer` in C: a handle.
-pub struct MlucConsumer(Consumer);
 
 /// `mluc_result` in C: what a pipeline says. Readable until the next call with the same handle.
 #[derive(Clone, Copy, Debug, Zeroable)]
@@ -62,32 +55,6 @@ pub struct MlucResult {
     pub indices_count: usize,
 }
 
-/// # Safety
-/// `place` is null or points to writable memory for a pointer.
-unsafe fn open<T>(place: *mut *mut T, make: impl FnOnce() -> Result<T, RuntimeError>) -> i32 {
-    guarded(|| {
-        // SAFETY: by the caller's promise.
-        let place = unsafe { place.as_mut() }
-            .ok_or_else(|| Failure::new(Code::Usage, "open: the handle's place is null"))?;
-        *place = std::ptr::null_mut();
-        let own = make().map_err(|error| Failure::new(Code::Open, error))?;
-        *place = Box::into_raw(Box::new(own));
-        Ok(Code::Ok)
-    })
-}
-
-/// # Safety
-/// `handle` comes from [`open`], is closed once, and is used no more; or it is null.
-unsafe fn close<T>(handle: *mut T) {
-    guarded(|| {
-        if !handle.is_null() {
-            // SAFETY: by the caller's promise it is ours, and nobody else's.
-            drop(unsafe { Box::from_raw(handle) });
-        }
-        Ok(Code::Ok)
-    });
-}
-
 fn guarded(call: impl FnOnce() -> Result<Code, Failure>) -> i32 {
     let bug = || Failure::new(Code::Internal, "a bug in mluc-capi: see stderr");
     let result = catch_unwind(AssertUnwindSafe(call)).unwrap_or_else(|_| Err(bug()));
@@ -110,15 +77,67 @@ pub extern "C" fn mluc_last_error() -> *const c_char {
     last()
 }
 
-/// Joins the instance that `MLUC_INSTANCE` names ("default" without it) as its refiner.
-///
-/// # Safety
-/// `refiner` is null or points to writable memory for a pointer.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn mluc_refiner_open(refiner: *mut *mut MlucRefiner) -> i32 {
-    // SAFETY: by the caller's promise.
-    unsafe { open(refiner, || Refiner::open().map(MlucRefiner)) }
+/// A handle of C's, and the functions that open and close it.
+macro_rules! handle {
+    ($handle:ident, $own:ty, $open:ident, $close:ident, $what:literal) => {
+        /// A handle in C.
+        pub struct $handle($own);
+
+        #[doc = concat!("Joins the instance that `MLUC_INSTANCE` names (\"default\" without it) as ", $what, ".")]
+        ///
+        /// # Safety
+        /// `place` is null or points to writable memory for a pointer.
+        #[unsafe(no_mangle)]
+        pub unsafe extern "C" fn $open(place: *mut *mut $handle) -> i32 {
+            guarded(|| {
+                // SAFETY: by the caller's promise.
+                let place = unsafe { place.as_mut() }
+                    .ok_or_else(|| Failure::new(Code::Usage, "open: the handle's place is null"))?;
+                *place = std::ptr::null_mut();
+                let own = <$own>::open().map_err(|error| Failure::new(Code::Open, error))?;
+                *place = Box::into_raw(Box::new($handle(own)));
+                Ok(Code::Ok)
+            })
+        }
+
+        /// Leaves. Null is fine.
+        ///
+        /// # Safety
+        /// `handle` comes from the function that opens it, is closed once, and is used no more.
+        #[unsafe(no_mangle)]
+        pub unsafe extern "C" fn $close(handle: *mut $handle) {
+            guarded(|| {
+                if !handle.is_null() {
+                    // SAFETY: by the caller's promise it is ours, and nobody else's.
+                    drop(unsafe { Box::from_raw(handle) });
+                }
+                Ok(Code::Ok)
+            });
+        }
+    };
 }
+
+handle!(
+    MlucRefiner,
+    Refiner,
+    mluc_refiner_open,
+    mluc_refiner_close,
+    "its refiner"
+);
+handle!(
+    MlucConsumer,
+    Consumer,
+    mluc_consumer_open,
+    mluc_consumer_close,
+    "one that looks on; no pipeline need run yet"
+);
+handle!(
+    MlucSource,
+    Source,
+    mluc_source_open,
+    mluc_source_close,
+    "its source of scans, in ingest's place"
+);
 
 /// Waits for the newest frame, at most `timeout_ms`. Heartbeats go out while it waits; call it again and again.
 ///
@@ -179,26 +198,6 @@ pub unsafe extern "C" fn mluc_refiner_publish(
     })
 }
 
-/// Leaves. Null is fine.
-///
-/// # Safety
-/// `refiner` comes from [`mluc_refiner_open`], is closed once, and is used no more.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn mluc_refiner_close(refiner: *mut MlucRefiner) {
-    // SAFETY: by the caller's promise.
-    unsafe { close(refiner) }
-}
-
-/// Joins the instance that `MLUC_INSTANCE` names ("default" without it) as one that looks on; no pipeline need run yet.
-///
-/// # Safety
-/// `consumer` is null or points to writable memory for a pointer.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn mluc_consumer_open(consumer: *mut *mut MlucConsumer) -> i32 {
-    // SAFETY: by the caller's promise.
-    unsafe { open(consumer, || Consumer::open().map(MlucConsumer)) }
-}
-
 /// Waits for the newest frame, at most `timeout_ms`. The status is told in any case.
 ///
 /// # Safety
@@ -230,19 +229,6 @@ pub unsafe extern "C" fn mluc_consumer_wait(
     })
 }
 
-/// Leaves. Null is fine.
-///
-/// # Safety
-/// `consumer` comes from [`mluc_consumer_open`], is closed once, and is used no more.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn mluc_consumer_close(consumer: *mut MlucConsumer) {
-    // SAFETY: by the caller's promise.
-    unsafe { close(consumer) }
-}
-
-/// `mluc_source` in C: a handle.
-pub struct MlucSource(Source);
-
 /// # Safety
 /// `handle` is null or an open one.
 unsafe fn opened<'a>(handle: *mut MlucSource) -> Result<&'a mut Source, Failure> {
@@ -250,16 +236,6 @@ unsafe fn opened<'a>(handle: *mut MlucSource) -> Result<&'a mut Source, Failure>
     let handle = unsafe { handle.as_mut() };
     let null = || Failure::new(Code::Usage, "the source's handle is null");
     handle.map(|MlucSource(source)| source).ok_or_else(null)
-}
-
-/// Joins the instance that `MLUC_INSTANCE` names ("default" without it) as its source of scans, in ingest's place.
-///
-/// # Safety
-/// `source` is null or points to writable memory for a pointer.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn mluc_source_open(source: *mut *mut MlucSource) -> i32 {
-    // SAFETY: by the caller's promise.
-    unsafe { open(source, || Source::open().map(MlucSource)) }
 }
 
 /// Sleeps for `wait_ms`, with heartbeats; tells the sequence of the next scan where one can be taken.
@@ -313,16 +289,6 @@ pub unsafe extern "C" fn mluc_source_publish(
 pub unsafe extern "C" fn mluc_source_finish(source: *mut MlucSource, timeout_ms: u32) -> i32 {
     // SAFETY: by the caller's promise.
     guarded(|| unsafe { opened(source) }?.finish(Duration::from_millis(timeout_ms.into())))
-}
-
-/// Leaves. Null is fine.
-///
-/// # Safety
-/// `source` comes from [`mluc_source_open`], is closed once, and is used no more.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn mluc_source_close(source: *mut MlucSource) {
-    // SAFETY: by the caller's promise.
-    unsafe { close(source) }
 }
 
 /// # Safety

@@ -1,5 +1,5 @@
 // A consumer in C++: the published objects of each frame and their points, a line of JSON each. It looks on: `mluc up` neither knows
-// it nor waits for it. `MLUC_INSTANCE=default build/consumer`
+// it nor waits for it. `MLUC_INSTANCE=default build/consumer-cpp/consumer`
 
 #include <cstdio>
 

@@ -1,6 +1,6 @@
 // A small refiner in C++: the cells above the ground that hang together with a candidate, and a box around their points.
 //
-// `mluc refiner-test -- build/refiner` tests it; `[stages.refiner] command = ["build/refiner"]` runs it.
+// `mluc refiner-test -- build/refiner-cpp/refiner` tests it; `[stages.refiner] command = ["build/refiner-cpp/refiner"]` runs it.
 
 #include <algorithm>
 #include <array>

@@ -1,7 +1,7 @@
 // A source in C++: scans into the pipeline, at 10 Hz, here from a folder of KITTI's .bin. Yours come from a sensor.
 //
-//     mluc up --config mluc.toml      # [stages.ingest] command = ["build/source", "DIR"]
-//     mluc up --without ingest        # or started by hand: then build/source DIR
+//     mluc up --config mluc.toml      # [stages.ingest] command = ["build/source-cpp/source", "DIR"]
+//     mluc up --without ingest        # or started by hand: then build/source-cpp/source DIR
 
 #include <algorithm>
 #include <cstdio>

@@ -14,21 +14,19 @@ PERIOD_S = 0.1
 
 
 def scans(folder):
-    """Name, and N rows of x, y, z (m; forward, left, up), intensity (0 to 1). Yours come from a sensor."""
-    for path in sorted(pathlib.Path(folder).iterdir()):
-        if path.suffix == ".bin":
-            yield path.stem, np.fromfile(path, np.float32).reshape(-1, 4)
-        elif path.suffix == ".npy":
-            yield path.stem, np.load(path)[:, :4]
+    """Paths, in order."""
+    return sorted(path for path in pathlib.Path(folder).iterdir() if path.suffix in (".bin", ".npy"))
 
 
-source = mluc.Source()
+def read(path):
+    """N rows of x, y, z (m; forward, left, up), intensity (0 to 1). Yours come from a sensor."""
+    return np.fromfile(path, np.float32).reshape(-1, 4) if path.suffix == ".bin" else np.load(path)[:, :4]
+
+
+paths, source = scans(sys.argv[1]), mluc.Source()
 if source.wait():  # false: asked to end
-    for number, (name, points) in enumerate(scans(sys.argv[1])):
-        # One that was started again after a fault goes on behind its predecessor's scans.
-        if number < source.sequence:
-            continue
-        if not source.wait(PERIOD_S):
-            break
-        source.publish(points, name=name)
+    # One that was started again after a fault goes on behind its predecessor's scans.
+    while source.sequence < len(paths) and source.wait(PERIOD_S):
+        path = paths[source.sequence]
+        source.publish(read(path), name=path.stem)
 source.finish()

@@ -110,9 +110,9 @@ impl<I: Element<Sum = f32>> Kernel for Part<'_, I> {
             let sums = sums.as_mut_slice().chunks_exact_mut(self.cin * padded);
             for (tap, sums) in sums.enumerate() {
                 let listed = lists.at_tap(simd, tap);
-                inputs.inputs(self.input, self.cin, listed);
+                inputs.fill::<true>(self.input, self.cin, 0..self.cin, listed);
                 for Panel { first, used, .. } in panels(self.cout) {
-                    outputs.outputs(block, self.cout, first..first + used, listed);
+                    outputs.fill::<false>(block, self.cout, first..first + used, listed);
                     gradient_tiles(simd, &inputs, &outputs, &mut sums[first..], padded);
                 }
             }

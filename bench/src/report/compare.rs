@@ -3,7 +3,7 @@
 use anyhow::{Result, ensure};
 use mluc_geometry::Random;
 use serde::Serialize;
-use serde_json::json;
+use serde_json::Value;
 
 use super::bootstrap::{Statistic, interval, scatter};
 use super::frame::{FrameRecord, STAGES, measured};
@@ -36,7 +36,7 @@ const MARGIN: f64 = 0.02;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Verdict {
-    /// The interval of the difference does not leave the margin around 0.
+    /// The interval of the difference reaches into the margin around 0.
     Noise,
     /// B is surely lower.
     Lower,
@@ -174,14 +174,9 @@ impl Figure {
 }
 
 impl Comparison {
-    pub(crate) fn table(&self, names: [&str; 2]) -> Result<String> {
-        let values = json!({"names": names, "comparison": self, "sentence": self.sentence()});
-        render("comparison.txt", include_str!("comparison.txt"), values)
-    }
-
     pub(crate) fn sentence(&self) -> String {
         if self.is_equal {
-            return "equal: every difference is within the noise of these runs".to_string();
+            return "equal: no difference is surely beyond its margin".to_string();
         }
         let mut parts = Vec::new();
         for (verdict, word) in [(Verdict::Lower, "lower"), (Verdict::Higher, "higher")] {
@@ -193,6 +188,11 @@ impl Comparison {
         }
         format!("different: B is {}", parts.join(", and "))
     }
+}
+
+/// For a terminal: the rows, the sentence, and what makes it weak.
+pub(crate) fn comparison_table(value: Value) -> Result<String> {
+    render("comparison.txt", include_str!("comparison.txt"), value)
 }
 
 #[cfg(test)]

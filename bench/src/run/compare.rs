@@ -7,7 +7,7 @@ use mluc::terminal::print_out;
 use serde_json::{Value, json};
 
 use super::{arguments::CompareArgs, folder};
-use crate::report::{Comparison, compare};
+use crate::report::{compare, comparison_table};
 
 /// What should be the same in two reports for their difference to mean anything.
 const SAME: [(&str, &str); 6] = [
@@ -21,20 +21,17 @@ const SAME: [(&str, &str); 6] = [
 
 pub(crate) fn compare_folders(args: &CompareArgs) -> Result<ExitCode> {
     let names = [&args.a, &args.b].map(|path| path.display().to_string());
-    let (comparison, value) = compared([&args.a, &args.b], names.each_ref().map(|n| &**n))?;
+    let value = compared([&args.a, &args.b], names.each_ref().map(|n| &**n))?;
     if args.json {
         print_out(&value)?;
     } else {
-        print_out(comparison.table(names.each_ref().map(|n| &**n))?.trim_end())?;
-        for note in value["notes"].as_array().into_iter().flatten() {
-            print_out(format_args!("note: {}", note.as_str().unwrap_or_default()))?;
-        }
+        print_out(comparison_table(value)?.trim_end())?;
     }
     Ok(ExitCode::SUCCESS)
 }
 
-/// What two reports' folders say of each other, and the same as JSON with what makes it weak.
-pub(crate) fn compared(folders: [&Path; 2], names: [&str; 2]) -> Result<(Comparison, Value)> {
+/// What two reports' folders say of each other, with what makes it weak.
+pub(crate) fn compared(folders: [&Path; 2], names: [&str; 2]) -> Result<Value> {
     let (a, frames_a) = folder::read(folders[0])?;
     let (b, frames_b) = folder::read(folders[1])?;
     let others = others(&a).max(others(&b)).clamp(0.0, 1.0);
@@ -43,7 +40,7 @@ pub(crate) fn compared(folders: [&Path; 2], names: [&str; 2]) -> Result<(Compari
     value["sentence"] = json!(comparison.sentence());
     value["names"] = json!(names);
     value["notes"] = json!(notes([&a, &b]));
-    Ok((comparison, value))
+    Ok(value)
 }
 
 /// What makes a comparison weak.

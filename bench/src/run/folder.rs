@@ -6,10 +6,17 @@ use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
 use crate::report::{FrameRecord, check_version, page, read_frames, write_frames};
-use crate::save;
 
 /// Of the two reports of a comparison.
 pub(crate) const FOLDERS: [&str; 2] = ["a", "b"];
+
+/// Writes a file into a folder of results, which is made when missing.
+pub(crate) fn save(folder: &Path, name: &str, bytes: impl AsRef<[u8]>) -> Result<()> {
+    let path = folder.join(name);
+    let made = fs::create_dir_all(folder);
+    let written = made.and_then(|()| fs::write(&path, bytes));
+    written.with_context(|| format!("writing {}", path.display()))
+}
 
 /// Made before anything is measured: a path that cannot be written is reported at once.
 pub(crate) fn make(folder: &Path) -> Result<()> {

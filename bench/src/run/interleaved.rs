@@ -8,10 +8,9 @@ use anyhow::{Context, Result, ensure};
 use mluc::{EXIT_WARNINGS, terminal::print_out};
 use serde_json::Value;
 
-use super::folder::{self, FOLDERS};
+use super::folder::{self, FOLDERS, save};
 use super::{compare, plan::Plan, progress, show};
-use crate::report::{FrameRecord, HOPS, STAGES, report_of};
-use crate::save;
+use crate::report::{FrameRecord, HOPS, STAGES, comparison_table, report_of};
 
 struct Side {
     name: String,
@@ -67,11 +66,14 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
     }
     let folders = FOLDERS.map(|name| out.join(name));
     let names = sides.each_ref().map(|side| side.name.as_str());
-    let (comparison, value) = compare::compared(folders.each_ref().map(|folder| &**folder), names)?;
-    let text = comparison.table(names)?;
+    let value = compare::compared(folders.each_ref().map(|folder| &**folder), names)?;
+    save(
+        out,
+        "comparison.json",
+        serde_json::to_string_pretty(&value)?,
+    )?;
+    let text = comparison_table(value)?;
     save(out, "comparison.txt", &text)?;
-    let json = serde_json::to_string_pretty(&value)?;
-    save(out, "comparison.json", json)?;
     print_out(text.trim())?;
     let [a, b] = folders.map(|folder| folder.join("report.html"));
     print_out(format_args!("reports: {}, {}", a.display(), b.display()))?;
@@ -81,7 +83,11 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
 impl Side {
     /// One start of the processes; gives whether frames were lost or a stage was restarted.
     fn measure(&self, plan: &Plan, folder: &Path) -> Result<bool> {
-        let mut command = Command::new(&self.program);
+        let mut command = Command::new(&plan.program);
+        // Ends with this process, however this one ends.
+        let own = std::process::id().to_string();
+        command.args(["exec", "--supervised-by", &own, "--"]);
+        command.arg(&self.program);
         command.args(["bench", "--rounds", "1", "--out"]);
         command.arg(folder).args(plan.shared_arguments());
         for (key, seconds) in [

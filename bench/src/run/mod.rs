@@ -23,7 +23,7 @@ use arguments::{Cli, Command};
 use plan::Plan;
 
 /// The whole program.
-pub fn program() -> ExitCode {
+pub(crate) fn program() -> ExitCode {
     mluc::exit_code("mluc-bench", run(Cli::parse()))
 }
 

@@ -63,6 +63,9 @@ impl Plan {
             );
         }
         let program = mluc_program()?;
+        if let Some(other) = args.against.as_ref().filter(|other| find(other).is_none()) {
+            return usage(format!("--against: no program {}", other.display()));
+        }
         let folder = tempfile::tempdir().context("making a folder for the configuration")?;
         let (input, origin, bundled) = match args.input.clone().or(word("input").map(PathBuf::from))
         {
@@ -227,12 +230,24 @@ fn refiner(args: &RunArgs, document: &Table, file: &Path) -> Result<(String, Vec
     if let Some(word) = args.refiner.first() {
         return Ok((word.clone(), with_refiner(document.clone(), word, file)?));
     }
+    let own = document
+        .get("stages")
+        .and_then(|stages| stages.get("refiner"));
+    let own = own.and_then(|own| own.get("command")?.as_array());
     let settings = document.get("refiner");
     let named = settings.and_then(|settings| settings.get("variant")?.as_str());
-    let name = named.unwrap_or(RefinerVariant::default().name());
+    let name = match own {
+        Some(words) => {
+            let words: Vec<&str> = words.iter().filter_map(toml::Value::as_str).collect();
+            words.join(" ")
+        }
+        None => named
+            .unwrap_or(RefinerVariant::default().name())
+            .to_string(),
+    };
     let scenario = args.scenario.iter();
     let config = scenario.flat_map(|path| ["--config".to_string(), path.display().to_string()]);
-    Ok((name.to_string(), config.collect()))
+    Ok((name, config.collect()))
 }
 
 /// A name of ours, or a command whose program is there.

@@ -83,15 +83,18 @@ impl StageWatch {
 
 /// `None`: the process is gone.
 fn counts(pid: u32, at_s: f64) -> Option<Counts> {
+    /// The kernel's unit of CPU time, on every processor: 1/100 s.
+    const TICK_NS: u64 = 10_000_000;
     let process = Process::new(pid as i32).ok()?;
-    let status = process.status().ok()?;
+    let (status, stat) = (process.status().ok()?, process.stat().ok()?);
     let mib = |kib: Option<u64>| kib.unwrap_or(0) as f64 / 1024.0;
     let mut counts = Counts {
         at_s,
         pid,
         private_mib: mib(status.rssanon) + mib(status.rssfile),
         shared_mib: mib(status.rssshmem),
-        cpu_ns: cpu_ns(&process)?,
+        // Of all threads, those that have ended too.
+        cpu_ns: (stat.utime + stat.stime) * TICK_NS,
         ..Counts::default()
     };
     for task in process.tasks().ok()?.flatten() {
@@ -102,12 +105,4 @@ fn counts(pid: u32, at_s: f64) -> Option<Counts> {
         counts.forced += status.nonvoluntary_ctxt_switches.unwrap_or(0);
     }
     Some(counts)
-}
-
-/// Of all threads, those that have ended too (a thread that ends takes its own counts with it).
-fn cpu_ns(process: &Process) -> Option<u64> {
-    /// The kernel's unit in this file, on every processor: 1/100 s.
-    const TICK_NS: u64 = 10_000_000;
-    let stat = process.stat().ok()?;
-    Some((stat.utime + stat.stime) * TICK_NS)
 }

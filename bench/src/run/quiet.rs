@@ -14,15 +14,8 @@ const NOISY_SHARE: f64 = 0.10;
 /// Share of the time that the hypervisor may give to other machines.
 const STEAL_SHARE: f64 = 0.005;
 
-/// The kernel's counters at one moment, in its own ticks.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Ticks {
-    busy: u64,
-    steal: u64,
-    all: u64,
-    ours: u64,
-    switches: u64,
-}
+/// The kernel's counters: ticks that were busy, stolen, all, and this program's; context switches.
+type Ticks = [u64; 5];
 
 #[derive(Default)]
 pub(crate) struct Quiet {
@@ -45,21 +38,20 @@ impl Quiet {
         let result = round();
         let end = now();
         self.seconds += at.elapsed().as_secs_f64();
-        let add = |sum: &mut u64, from: u64, to: u64| *sum += to.saturating_sub(from);
-        add(&mut self.sum.busy, begun.busy, end.busy);
-        add(&mut self.sum.steal, begun.steal, end.steal);
-        add(&mut self.sum.all, begun.all, end.all);
-        add(&mut self.sum.ours, begun.ours, end.ours);
-        add(&mut self.sum.switches, begun.switches, end.switches);
+        for (sum, (from, to)) in self.sum.iter_mut().zip(begun.into_iter().zip(end)) {
+            *sum += to.saturating_sub(from);
+        }
         result
     }
 
     fn others(&self) -> f64 {
-        self.sum.busy.saturating_sub(self.sum.ours) as f64 / self.sum.all.max(1) as f64
+        let [busy, _, all, ours, _] = self.sum;
+        busy.saturating_sub(ours) as f64 / all.max(1) as f64
     }
 
     fn steal(&self) -> f64 {
-        self.sum.steal as f64 / self.sum.all.max(1) as f64
+        let [_, steal, all, ..] = self.sum;
+        steal as f64 / all.max(1) as f64
     }
 
     /// In words, and whether a reader must be warned.
@@ -85,15 +77,15 @@ impl Quiet {
 
     pub(crate) fn describe(&self) -> Value {
         let rounded = |share: f64| (share * 1e5).round() / 1e5;
-        let per_tick = self.sum.all.max(1) as f64;
+        let [_, _, all, ours, switches] = self.sum;
         json!({
             "verdict": self.verdict().0,
             "other_processes_share_of_all_cores": rounded(self.others()),
-            "own_share_of_all_cores": rounded(self.sum.ours as f64 / per_tick),
+            "own_share_of_all_cores": rounded(ours as f64 / all.max(1) as f64),
             "steal_share": rounded(self.steal()),
             "load_before": self.load_before,
             "load_after": load(),
-            "context_switches_per_s": (self.sum.switches as f64 / self.seconds.max(1e-3)).round(),
+            "context_switches_per_s": (switches as f64 / self.seconds.max(1e-3)).round(),
         })
     }
 }
@@ -112,11 +104,11 @@ fn now() -> Ticks {
         [cpu.iowait, cpu.irq, cpu.softirq, cpu.steal].map(Option::unwrap_or_default);
     // Guests are in user and nice already.
     let busy = cpu.user + cpu.nice + cpu.system + irq + softirq;
-    Ticks {
+    [
         busy,
         steal,
-        all: busy + cpu.idle + iowait + steal,
-        switches: stats.ctxt,
+        busy + cpu.idle + iowait + steal,
         ours,
-    }
+        stats.ctxt,
+    ]
 }

@@ -287,7 +287,8 @@ pub(super) unsafe fn multiply<I: Operand, S: Simd, const R: usize, const V: usiz
     unsafe {
         for c in 0..cin / I::STEP {
             step(simd, |r| inputs[r].add(c * I::STEP), weights, totals);
-            weights = weights.add(width);
+            // After the last row it may lie beyond the weights, where nothing is read.
+            weights = weights.wrapping_add(width);
         }
         let rest = cin % I::STEP;
         if rest > 0 {
@@ -298,7 +299,7 @@ pub(super) unsafe fn multiply<I: Operand, S: Simd, const R: usize, const V: usiz
                 }
             }
             step(simd, |r| last[r].as_ptr(), weights, totals);
-            weights = weights.add(width);
+            weights = weights.wrapping_add(width);
         }
         I::end_tap(simd, weights, totals);
     }

@@ -2,10 +2,7 @@
 
 use std::ops::Range;
 
-use super::{
-    Aligned, BLOCK, LINE, Operand,
-    list::{Listed, Pair},
-};
+use super::{Aligned, BLOCK, LINE, Operand, list::Listed};
 
 /// Channels of a block's listed rows: `[step][width][Operand::STEP]`, with zeros for what a last step and a last line lack.
 pub(crate) struct Rows<I: Operand> {
@@ -24,34 +21,19 @@ impl<I: Operand> Rows<I> {
         }
     }
 
-    /// The input rows of the pairs. `input`: rows of `cin`.
+    /// Channels of the rows that the pairs name: of the input, or of the block. `from`: rows of `stride`.
     #[inline(always)]
-    pub(crate) fn inputs(&mut self, input: &[I], cin: usize, listed: Listed) {
-        listed.check(input.len() / cin, BLOCK);
-        self.gather(input, cin, 0..cin, listed.pairs(), |pair| pair.input);
-    }
-
-    /// Channels of the block's rows of the pairs. `block`: rows of `stride`.
-    #[inline(always)]
-    pub(crate) fn outputs(
-        &mut self,
-        block: &[I],
-        stride: usize,
-        channels: Range<usize>,
-        listed: Listed,
-    ) {
-        self.gather(block, stride, channels, listed.pairs(), |pair| pair.row);
-    }
-
-    #[inline(always)]
-    fn gather(
+    pub(crate) fn fill<const INPUT: bool>(
         &mut self,
         from: &[I],
         stride: usize,
         channels: Range<usize>,
-        pairs: &[Pair],
-        row: impl Fn(&Pair) -> u32,
+        listed: Listed,
     ) {
+        if INPUT {
+            listed.check(from.len() / stride, BLOCK);
+        }
+        let pairs = listed.pairs();
         (self.channels, self.steps) = (channels.len(), pairs.len().div_ceil(I::STEP));
         let width = self.width();
         let values = &mut self.values.as_mut_slice()[..self.steps * width];
@@ -60,8 +42,11 @@ impl<I: Operand> Rows<I> {
         let values = unsafe { std::slice::from_raw_parts_mut(values.as_mut_ptr().cast(), len) };
         let steps = values.chunks_exact_mut(width * I::STEP);
         for (to, pairs) in steps.zip(pairs.chunks(I::STEP)) {
-            let row = |k| match pairs.get(k) {
-                Some(pair) => &from[row(pair) as usize * stride..][channels.clone()],
+            let row = |k: usize| match pairs.get(k) {
+                Some(pair) => {
+                    let row = if INPUT { pair.input } else { pair.row };
+                    &from[row as usize * stride..][channels.clone()]
+                }
                 None => &[],
             };
             let rows = [row(0).as_chunks::<LINE>(), row(1).as_chunks()];

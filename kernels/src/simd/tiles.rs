@@ -1,7 +1,7 @@
 //! The inner loops: a tile of sums (rows x output channels) held in registers.
 //!
-//! They go through lists of pairs, one for each output row that has an input row at the tap in question, so absent rows
-//! cost nothing. Every sum adds its products in one order (taps, then input channels; rows for the gradient), whatever
+//! They go through the pairs of a tap, one for each output row that has an input row there (the gradient through copies of
+//! their rows), so absent rows cost nothing. Every sum adds its products in one order (taps, then input channels; rows for the gradient), whatever
 //! the shape of its tile: the bits depend neither on the shapes nor on the threads.
 
 use super::{
@@ -73,7 +73,8 @@ impl<I: Operand> Tile for Convolve<'_, I> {
                     inputs[r] = self.input.add((*pairs.add(r)).input as usize * self.cin);
                 }
                 multiply(simd, inputs, self.cin, weights, self.width, &mut totals);
-                weights = weights.add(I::tap_rows(self.cin) * self.width);
+                // After the last tap it may lie beyond the weights, where nothing is read.
+                weights = weights.wrapping_add(I::tap_rows(self.cin) * self.width);
             }
             store_tile::<I, S, R, V>(sums, totals);
         }
@@ -123,12 +124,10 @@ impl<I: Operand<Sum = f32>> Tile for Gradient<'_, I> {
                 sums[r] = self.gradient.add((row + r) * self.stride + column);
             }
             let mut totals = load_tile::<I, S, R, V>(sums);
-            let (mut input, mut output) = (self.inputs.as_ptr(), self.outputs.as_ptr());
-            (input, output) = (input.add(row), output.add(column));
-            for _ in 0..self.outputs.steps {
+            for k in 0..self.outputs.steps {
+                let input = self.inputs.as_ptr().add(k * self.inputs.width() + row);
+                let output = self.outputs.as_ptr().add(k * self.outputs.width() + column);
                 step(simd, |r| input.add(r).cast::<I>(), output, &mut totals);
-                input = input.add(self.inputs.width());
-                output = output.add(self.outputs.width());
             }
             store_tile::<I, S, R, V>(sums, totals);
         }

@@ -8,6 +8,7 @@
 //! neighbour class). Labels keep file order; a match needs an overlap strictly above the class' least one.
 
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric, curve::Curve, frame::score_of};
+use mluc_dataset::Label;
 use mluc_geometry::{iou_2d, iou_3d, iou_bev, overlap_of_first_2d};
 
 /// A label that takes part.
@@ -77,7 +78,7 @@ fn prepare(
         if small || rule.claims(detection) {
             let devkits = (metric == Metric::Image).then_some(rule.iou_min);
             let share_max = [rule.dont_care_max, devkits].into_iter().flatten();
-            let is_there = |max| in_dont_care(frame, &detection.image_box_px, max);
+            let is_there = |max| in_dont_care(&frame.labels, &detection.image_box_px, max);
             let in_dont_care = share_max.reduce(f64::min).is_some_and(is_there);
             candidates.push(Candidate {
                 score: score_of(detection),
@@ -112,8 +113,9 @@ fn prepare(
     (truths, candidates)
 }
 
-pub(crate) fn in_dont_care(frame: &LabelledFrame, image_box_px: &[f64; 4], share_max: f64) -> bool {
-    let mut regions = frame.labels.iter().filter(|l| l.is_dont_care());
+/// Whether more than a share of an image box lies in a region without labels.
+pub(crate) fn in_dont_care(labels: &[Label], image_box_px: &[f64; 4], share_max: f64) -> bool {
+    let mut regions = labels.iter().filter(|l| l.is_dont_care());
     regions.any(|r| overlap_of_first_2d(image_box_px, &r.image_box_px) > share_max)
 }
 

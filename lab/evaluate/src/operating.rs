@@ -20,7 +20,7 @@ use serde_json::{Value, json};
 const RANGE_MAX_M: f64 = 70.0;
 const MARGIN_M: f64 = 0.5;
 /// An object is left out when more than this share of its image box lies in a region without labels.
-const DONT_CARE_MAX: f64 = 0.5;
+pub(crate) const DONT_CARE_MAX: f64 = 0.5;
 const DRAWS: usize = 1000;
 /// Scans of a run: a second at 10 Hz.
 const BLOCK: usize = 10;
@@ -288,7 +288,7 @@ fn draws(drives: &[usize]) -> Vec<Vec<usize>> {
 /// The part of a frame that is counted.
 pub(crate) fn counted(frame: &LabelledFrame) -> LabelledFrame {
     let is_near = |label: &&Label| range_m(&label.camera_box.upright()) <= RANGE_MAX_M;
-    let is_labelled = |d: &&Label| !in_dont_care(frame, &d.image_box_px, DONT_CARE_MAX);
+    let is_labelled = |d: &&Label| !in_dont_care(&frame.labels, &d.image_box_px, DONT_CARE_MAX);
     let detections = frame.detections.iter().filter(is_near).filter(is_labelled);
     LabelledFrame {
         detections: detections.cloned().collect(),
@@ -329,7 +329,8 @@ fn judge(frame: &LabelledFrame, rules: &[ClassRule]) -> FrameOutcome {
 /// Scores and shares of right ones, both ascending: neighbours whose share falls are pooled. A share counts half a right one and half a wrong
 /// one more, so that none is 0 or 1.
 fn rising(mut objects: Vec<(f64, bool)>) -> Vec<[f32; 2]> {
-    objects.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // Of one score the right ones first: their share falls, so that they are pooled.
+    objects.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
     let share = |[count, _, right]: &[f64; 3]| right / count;
     let mut pools: Vec<[f64; 3]> = vec![];
     for pool in objects.chunks(POOL) {
@@ -478,6 +479,8 @@ mod tests {
         assert!(is_better, "{score:?} {probability:?}");
         let known = judged.calibration_errors(ObjectKind::Known, 0.0, &table);
         assert_eq!(known, [None; 2]);
+        let of_one_score = [false, true].map(|is_right| [(0.9, is_right); POOL]);
+        assert_eq!(rising(of_one_score.concat()), [[0.9f32, 0.5]]);
     }
 
     #[test]

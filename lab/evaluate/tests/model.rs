@@ -1,7 +1,7 @@
 //! A model judged on simulated scans: the path from points to figures, the closed set, the choice of the threshold.
 
 use mluc_backbone::Precision;
-use mluc_dataset::Dataset;
+use mluc_dataset::{Dataset, Label};
 use mluc_evaluate::pipeline::{
     DetectedFrame, FrameSet, ModelGate, ModelJudgement, ScoreSeparation, choose_profiles,
     choose_threshold, detect_frames, judge, objects_at, sweep_gate, unknown_classes,
@@ -78,6 +78,18 @@ fn boxes_that_touch_no_label_are_the_background() {
     assert_eq!((e.background, e.auroc_background), (48, Some(0.75)));
     let figures = |s: &ScoreSeparation| (s.auroc, s.known, s.unknown);
     assert_eq!(figures(&e), figures(&before));
+    // Where nobody labelled, a box may lie on anything.
+    let region = Label {
+        class: "DontCare".to_owned(),
+        image_box_px: [0.0, 0.0, 1e4, 1e4],
+        ..Label::default()
+    };
+    for frame in &mut fixture.frames {
+        let labels = frame.truth.labels.iter().chain([&region]);
+        frame.truth.labels = labels.cloned().collect();
+    }
+    let e = of_e(&fixture);
+    assert_eq!((e.background, figures(&e)), (0, figures(&before)));
 }
 
 #[test]

@@ -4,9 +4,8 @@
 use crate::{Layout, Result, Setting, layout::write_whole, setting::Sizes};
 use mluc_dataset::read_text;
 use mluc_evaluate::EvaluateError;
-use mluc_kernels::Level;
 use mluc_model::Model;
-use mluc_train::NetworkKind;
+use mluc_train::{NetworkKind, TrainSettings};
 use serde::Deserialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -91,8 +90,7 @@ impl Training {
         add("--batch", sizes.batch.to_string());
         add("--seed", seed.to_string());
         add("--validate-frames", validate_frames.to_string());
-        // Where the processor multiplies bf16; elsewhere f32 is faster.
-        if Level::best().name() == "avx512bf16" {
+        if TrainSettings::bf16_is_faster() {
             arguments.push("--bf16".to_owned());
         }
         Training {

@@ -5,7 +5,7 @@ use super::{mesh::v, place::ROBOT_M, random::Dice};
 use mluc_model::{SensorProfile, SensorUnit};
 
 /// Products that training never sees: thin, middle and dense, for the figures on sensors that are new to a network.
-pub const HELD_OUT: [&str; 3] = ["helios-16p", "pandar40p", "ruby-plus"];
+const HELD_OUT: [&str; 3] = ["helios-16p", "pandar40p", "ruby-plus"];
 
 /// Rays of a drawn sensor's frame, at most: finer steps are coarsened to it.
 const RAYS_MAX: f32 = 230_000.0;
@@ -18,11 +18,8 @@ pub(crate) const JITTER_DEG: f32 = 0.12;
 
 /// A product or a random sensor, mounted somewhere.
 pub(crate) fn sensor(dice: &mut Dice) -> SensorProfile {
-    let mut profile = if dice.chance(0.6) {
-        product(dice)
-    } else {
-        random(dice)
-    };
+    let draw: fn(&mut Dice) -> SensorProfile = if dice.chance(0.6) { product } else { random };
+    let mut profile = draw(dice);
     if dice.chance(0.08) {
         lose_beams(&mut profile, dice);
     }
@@ -70,11 +67,7 @@ pub(crate) fn in_use(
     sensor.second_returns = if dice.chance(0.15) { 0.5 } else { 0.0 };
     if is_drawn && sensor.is_sector() && dice.chance(0.5) {
         let is_rosette = dice.chance(0.5);
-        let [high_deg, often] = if is_rosette {
-            [12.0, 150.0]
-        } else {
-            [2.0, 6.0]
-        };
+        let [high_deg, often] = [[2.0, 6.0], [12.0, 150.0]][usize::from(is_rosette)];
         let height_rad = dice.range(0.2, high_deg).to_radians();
         sensor.wave(height_rad, dice.range(0.5 * often, often), is_rosette);
     }

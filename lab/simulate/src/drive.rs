@@ -6,6 +6,8 @@ use super::{footprint::Footprint, layout::Layout, objects::Habit, random::Dice};
 
 /// Time between two turns of the sensor, s.
 const PERIOD_S: f32 = 0.1;
+/// The ground ends 90 m ahead: the sensor drives no farther than this, m.
+const WAY_MAX_M: f32 = 60.0;
 /// Margin that a moving thing keeps, m.
 const CLEAR_M: f32 = 0.3;
 
@@ -19,8 +21,8 @@ pub(crate) fn drive(layout: &mut Layout<'_>, turn: Turn, dice: &mut Dice) -> [V3
         let mut speeds = [1.0, 0.5, 0.25].into_iter().map(|share| wanted_mps * share);
         let clear = speeds.find(|speed| {
             let path = along(&taken[index], yaw, speed * seconds);
-            let others = [&swept[..index], &swept[index + 1..]];
-            let is_clear = !others.iter().any(|o| path.overlaps_any(o, CLEAR_M));
+            let mut others = swept[..index].iter().chain(&swept[index + 1..]);
+            let is_clear = !others.any(|other| path.overlaps(other, CLEAR_M));
             if is_clear {
                 swept[index] = path;
             }
@@ -29,7 +31,8 @@ pub(crate) fn drive(layout: &mut Layout<'_>, turn: Turn, dice: &mut Dice) -> [V3
         clear.unwrap_or(0.0)
     };
     let way_m = |speed_mps: f32| speed_mps * PERIOD_S * turn.step as f32;
-    let ego_mps = clear_speed(0, ground.yaw_rad, dice.range(3.0, 12.0));
+    let wanted_mps = dice.range(3.0, 12.0).min(WAY_MAX_M / seconds);
+    let ego_mps = clear_speed(0, ground.yaw_rad, wanted_mps);
     for (index, object) in layout.placed.iter_mut().enumerate() {
         let wanted_mps = match object.class {
             Class::Pedestrian => dice.range(0.6, 1.8),

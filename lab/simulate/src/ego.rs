@@ -1,8 +1,8 @@
 //! The vehicle that carries the sensor, as far as the sensor sees it: its roof, deck or cab hides what lies behind. It moves with the sensor.
 
 use super::mesh::{METAL, Mesh, RUBBER, solid, up, v};
-use super::place::{ROBOT_M, Room};
-use super::{footprint::Footprint, random::Dice};
+use super::place::ROBOT_M;
+use super::{footprint::Footprint, ground::Ground, random::Dice};
 use mluc_model::SensorProfile;
 
 /// Without a body that is seen: a car's own ground and free space before it, m.
@@ -21,21 +21,13 @@ pub(crate) struct Ego {
 }
 
 impl Ego {
-    /// Draws the body under a sensor that is `height_m` above the ground.
-    pub(crate) fn draw(
-        profile: &SensorProfile,
-        height_m: f32,
-        room: Option<&Room>,
-        dice: &mut Dice,
-    ) -> Ego {
-        let mut mesh = Mesh::default();
-        let usual = if height_m < ROBOT_M { ROBOT } else { CAR };
+    /// Draws the body under the sensor.
+    pub(crate) fn draw(profile: &SensorProfile, ground: &Ground, dice: &mut Dice) -> Ego {
+        let (mut mesh, height_m) = (Mesh::default(), -ground.height(0.0, 0.0));
+        let footprint = if height_m < ROBOT_M { ROBOT } else { CAR };
         // A profile that says what the body hides needs none.
         if !profile.blind.is_empty() || !dice.chance(SEEN) {
-            return Ego {
-                mesh,
-                footprint: usual,
-            };
+            return Ego { mesh, footprint };
         }
         // Several sensors are mounted around a body: it stays below the lowest.
         let lowest_m = profile.units.iter().map(|u| u.at_m[2]).fold(0.0, f32::min);
@@ -47,7 +39,7 @@ impl Ego {
         } else if height_m < TRUCK_M {
             car(&mut mesh, height_m, below(dice.range(0.22, 0.65)), dice);
         } else {
-            let has_box = is_one && room.is_none();
+            let has_box = is_one && ground.room.is_none();
             let top = below(dice.range(0.25, 0.7));
             truck(&mut mesh, height_m, top, has_box, dice);
         }
@@ -108,15 +100,13 @@ fn car(mesh: &mut Mesh, height_m: f32, top: f32, dice: &mut Dice) {
 }
 
 /// A cab below the sensor with the cargo box behind it, or all of the truck beside the sensor.
-fn truck(mesh: &mut Mesh, height_m: f32, top: f32, has_box: bool, dice: &mut Dice) {
+fn truck(mesh: &mut Mesh, height_m: f32, mut top: f32, has_box: bool, dice: &mut Dice) {
     let paint = solid(dice.range(0.1, 0.7));
     let width = dice.range(2.2, 2.5);
     let beside = has_box && dice.chance(0.4);
-    let top = if beside {
-        dice.range(2.5, 3.3) - height_m
-    } else {
-        top
-    };
+    if beside {
+        top = dice.range(2.5, 3.3) - height_m;
+    }
     let mut middle = v(dice.range(-1.0, -0.2), 0.0, 0.0);
     if beside {
         middle.y = dice.sign() * (width / 2.0 + dice.range(0.15, 0.5));

@@ -12,7 +12,7 @@ use mluc_ipc_types::POINTS_MAX;
 use mluc_model::SensorProfile;
 use mluc_sources::shard;
 use rayon::prelude::*;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// What to write.
 #[derive(Clone, Debug, Parser)]
@@ -151,7 +151,9 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
     make_folders(&options.folder, &parts.collect::<Vec<_>>())?;
     let calibration = calibration(options.family)?;
     let one = |index| {
-        if options.resume && is_written(&options.folder, index) {
+        // The last of a frame's files.
+        let last = options.folder.join(format!("planes/{index:06}.txt"));
+        if options.resume && std::fs::metadata(last).is_ok_and(|file| file.len() > 0) {
             written();
             return Ok([0.0; 3]);
         }
@@ -184,9 +186,8 @@ fn simulated(options: &ExportOptions, index: u32) -> Result<Shown, SimulateError
     let Some(steps) = options.sequence else {
         return turn(stream, sensors, index, None);
     };
-    let step = index % steps;
     let part = Some(Turn {
-        step,
+        step: index % steps,
         steps,
         moves: options.moving,
     });
@@ -209,12 +210,6 @@ fn write_poses(options: &ExportOptions, poses: &[[f64; 3]]) -> Result<(), Datase
     }
     write_file(&options.folder.join("poses.txt"), text.as_bytes())?;
     write_file(&options.folder.join("timestamps.txt"), stamps.as_bytes())
-}
-
-/// Whether the last of a frame's files is there.
-fn is_written(folder: &Path, index: u32) -> bool {
-    let last = folder.join(format!("planes/{index:06}.txt"));
-    std::fs::metadata(last).is_ok_and(|file| file.len() > 0)
 }
 
 fn write_frame(
@@ -285,19 +280,11 @@ fn calibration_text(calibration: &Calibration) -> String {
 
 /// The ground plane in the camera frame, in the layout of the road planes published for KITTI.
 fn plane_text(calibration: &Calibration, [a, b, c, d]: [f64; 4]) -> String {
-    // A plane through three of its points, carried to the camera frame.
-    let on_plane = |x: f64, y: f64| calibration.rect_from_sensor([x, y, -(a * x + b * y + d) / c]);
-    let (p, q, r) = (on_plane(0.0, 0.0), on_plane(1.0, 0.0), on_plane(0.0, 1.0));
-    let [u, w] = [q, r].map(|end| [0, 1, 2].map(|i| end[i] - p[i]));
-    let n = [
-        u[1] * w[2] - u[2] * w[1],
-        u[2] * w[0] - u[0] * w[2],
-        u[0] * w[1] - u[1] * w[0],
-    ];
-    let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-    // Upward in the camera frame is -y.
-    let sign = if n[1] > 0.0 { -1.0 } else { 1.0 };
-    let [nx, ny, nz] = n.map(|v| sign * v / length);
-    let offset = -(nx * p[0] + ny * p[1] + nz * p[2]);
-    format!("# Plane\nWidth 4\nHeight 1\n{nx:.6e} {ny:.6e} {nz:.6e} {offset:.6e}\n")
+    // The ends of the normal, carried to the camera frame. It has the length 1 in f32 alone.
+    let [origin, tip] = [[0.0; 3], [a, b, c]].map(|p| calibration.rect_from_sensor(p));
+    let [x, y, z] = [0, 1, 2].map(|i| tip[i] - origin[i]);
+    let offset = d - (x * origin[0] + y * origin[1] + z * origin[2]);
+    let length = x.hypot(y).hypot(z);
+    let [x, y, z, offset] = [x, y, z, offset].map(|v| v / length);
+    format!("# Plane\nWidth 4\nHeight 1\n{x:.6e} {y:.6e} {z:.6e} {offset:.6e}\n")
 }

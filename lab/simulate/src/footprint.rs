@@ -30,11 +30,6 @@ impl Footprint {
         }
     }
 
-    /// Whether it comes closer than `margin_m` to overlapping one of these.
-    pub(crate) fn overlaps_any(&self, others: &[Footprint], margin_m: f32) -> bool {
-        others.iter().any(|other| self.overlaps(other, margin_m))
-    }
-
     /// Whether two rectangles come closer than `margin_m` to overlapping (separating axes).
     pub(crate) fn overlaps(&self, other: &Footprint, margin_m: f32) -> bool {
         let d = [other.x - self.x, other.y - self.y];

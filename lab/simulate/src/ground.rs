@@ -111,6 +111,7 @@ impl Ground {
         let other = (family == Family::SimAny).then(|| besides_streets(own_height_m, dice));
         let place = other.flatten().unwrap_or(place);
         let room = Room::draw(place, own_height_m, dice);
+        let street = place.is_street();
         let half_width_m = if let Some(room) = &room {
             room.half_width_m
         } else if let Some([low, high]) = place.half_width_m() {
@@ -123,7 +124,7 @@ impl Ground {
         };
         let yaw_deg = match family {
             Family::SimKitti => dice.normal(0.0, 4.0),
-            _ if !place.is_street() => dice.range(-180.0, 180.0),
+            _ if !street => dice.range(-180.0, 180.0),
             _ => dice.normal(0.0, 7.0),
         };
         let mut ground = Ground {
@@ -140,16 +141,13 @@ impl Ground {
             edge_m: half_width_m
                 + match place {
                     Place::Path => dice.range(0.2, 1.0),
-                    _ if place.is_street() => dice.range(1.2, 4.0),
+                    _ if street => dice.range(1.2, 4.0),
                     _ => 1.0,
                 },
-            crossing: (place.is_street() && dice.chance(0.45))
+            crossing: (street && dice.chance(0.45))
                 .then(|| [dice.range(-25.0, 45.0), dice.range(3.0, 5.5)]),
             room,
-            kerb_m: match place.is_street() {
-                true => dice.range(0.03, 0.15),
-                false => 0.0,
-            },
+            kerb_m: if street { dice.range(0.03, 0.15) } else { 0.0 },
             crown_m: dice.range(0.0, 0.1),
             bank: [dice.normal(0.01, 0.025), dice.normal(0.01, 0.025)],
             slope: slope(family, dice),
@@ -291,11 +289,11 @@ impl Ground {
         mesh
     }
 
-    /// Plane through the ground at the sensor, as (normal, offset) with normal . p + offset = 0 in the sensor frame.
-    pub(crate) fn plane(&self) -> (V3, f32) {
-        let (gx, gy) = self.gradient(0.0, 0.0);
+    /// Plane through the ground below `at`, as (normal, offset) with normal . p + offset = 0, p from `at`.
+    pub(crate) fn plane(&self, at: V3) -> (V3, f32) {
+        let (gx, gy) = self.gradient(at.x, at.y);
         let normal = v(-gx, -gy, 1.0).normalize();
-        (normal, -normal.z * self.height(0.0, 0.0))
+        (normal, -normal.z * (self.height(at.x, at.y) - at.z))
     }
 }
 

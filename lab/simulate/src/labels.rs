@@ -1,10 +1,11 @@
 //! Labels of a scanned frame: visibility, points in each box, the rectangle in the image.
 
-use super::scan::{Sweep, trace};
+use super::scan::{Sweep, in_rain, trace};
 use super::scene::{Scene, Solid};
 use super::{Family, SimulatedFrame, SimulatedObject};
 use super::{mesh::V3, sensor::Sensor};
 use mluc_geometry::{Calibration, CalibrationError, ImageSize, pixel_bounds};
+use std::f32::consts::PI;
 
 /// An object that got no label, because no ray ended on it, or the sensor's own vehicle.
 pub(crate) const UNLABELLED: u16 = 0x7FFF;
@@ -51,10 +52,16 @@ pub(crate) fn label(
     let mut objects = Vec::new();
     for (index, solid) in solids.iter().enumerate() {
         let instance = (index + 1) as u16;
-        let own = sweep.instances.iter().filter(|i| **i == instance).count();
-        let box_in_sensor = sensor.seen(solid.box_in_sensor);
+        let points = sweep.instances.iter().zip(&sweep.times_s);
+        let own = points.filter(|(i, _)| **i == instance);
+        let mut times_s: Vec<f32> = own.map(|(_, time_s)| *time_s).collect();
+        times_s.sort_by(f32::total_cmp);
+        let Some(median_s) = times_s.get(times_s.len() / 2) else {
+            continue;
+        };
+        let box_in_sensor = sensor.seen(solid.box_in_sensor, *median_s);
         let points = box_in_sensor.count_inside(&sweep.points) as u32;
-        if own == 0 || points == 0 {
+        if points == 0 {
             continue;
         }
         let vertices = &scene.mesh.vertices[solid.vertices.clone()];
@@ -102,57 +109,53 @@ fn visibility(
             continue;
         }
         for column in 0..columns {
-            if !window.column(sensor.column_direction((beam, column))) {
+            let shot = (beam, column);
+            if !window.column(sensor.column_direction(shot)) {
                 continue;
             }
             seen += u32::from(sweep.ended_on[beam * columns + column] == Some(instance));
-            possible += u32::from(trace(&alone, sensor, (beam, column)).is_some());
+            let hit = in_rain(sensor, scene.rain, shot, trace(&alone, sensor, shot));
+            possible += u32::from(hit.is_some_and(|hit| hit.instance == instance));
         }
     }
     let share = (seen as f32 / possible as f32).min(1.0);
     Ok(if possible == 0 { 0.0 } else { share })
 }
 
-/// The part of the sphere of directions that an object can be in.
+/// The part of the sphere of directions that an object can be in, with a margin.
 struct Window {
     middle: [f32; 2],
     cos_half: f32,
     slope: [f32; 2],
-    /// Beyond these, rad.
-    margin_rad: f32,
 }
 
 impl Window {
     fn around(vertices: &[V3], margin_rad: f32) -> Window {
         let sum: V3 = vertices.iter().sum();
         let length = sum.x.hypot(sum.y).max(1e-6);
-        let mut window = Window {
-            middle: [sum.x / length, sum.y / length],
-            cos_half: 1.0,
-            slope: [f32::MAX, f32::MIN],
-            margin_rad,
-        };
+        let middle = [sum.x / length, sum.y / length];
+        let (mut cos_half, mut low, mut high) = (1.0f32, f32::MAX, f32::MIN);
         for p in vertices {
             let flat = p.x.hypot(p.y).max(1e-3);
-            let cos = (p.x * window.middle[0] + p.y * window.middle[1]) / flat;
-            window.cos_half = window.cos_half.min(cos);
-            let slope = p.z / flat;
-            window.slope = [window.slope[0].min(slope), window.slope[1].max(slope)];
+            cos_half = cos_half.min((p.x * middle[0] + p.y * middle[1]) / flat);
+            (low, high) = (low.min(p.z / flat), high.max(p.z / flat));
         }
-        window
+        let half_rad = cos_half.clamp(-1.0, 1.0).acos() + 0.01 + margin_rad;
+        // The lower block of an HDL-64E starts 4 cm lower, which matters near by: a margin of 2 degrees covers it.
+        let margin = 0.035 + 1.5 * margin_rad;
+        Window {
+            middle,
+            cos_half: half_rad.min(PI).cos(),
+            slope: [low - margin, high + margin],
+        }
     }
 
     fn beam(&self, slope: f32) -> bool {
-        // The lower block of an HDL-64E starts 4 cm lower, which matters near by: a margin of 2 degrees covers it.
-        let margin = 0.035 + 1.5 * self.margin_rad;
-        slope > self.slope[0] - margin && slope < self.slope[1] + margin
+        slope > self.slope[0] && slope < self.slope[1]
     }
 
     fn column(&self, direction: [f32; 2]) -> bool {
-        let cos = direction[0] * self.middle[0] + direction[1] * self.middle[1];
-        cos > self.cos_half
-            || cos.clamp(-1.0, 1.0).acos()
-                < self.cos_half.clamp(-1.0, 1.0).acos() + 0.01 + self.margin_rad
+        direction[0] * self.middle[0] + direction[1] * self.middle[1] > self.cos_half
     }
 }
 

@@ -178,8 +178,8 @@ impl Layout<'_> {
         (x + step * cos, y + step * sin, yaw)
     }
 
-    fn put(&mut self, class: Class, model: Model, pose: Pose) {
-        let footprint = footprint(&model, pose);
+    fn put(&mut self, class: Class, model: Model, (x, y, yaw): Pose) {
+        let footprint = Footprint::of(model.low, model.high, [x, y], yaw);
         self.taken.push(footprint);
         self.placed.push(Placed {
             class,
@@ -189,7 +189,7 @@ impl Layout<'_> {
     }
 
     fn fits(&self, model: &Model, pose: Pose, dice: &mut Dice) -> bool {
-        let (x, y, _) = pose;
+        let (x, y, yaw) = pose;
         let inside = match self.stream.family {
             Family::SimUdi => x.abs() < 50.0 && y.abs() < 50.0,
             // As far as the network looks; the trainer mirrors what is ahead.
@@ -203,8 +203,9 @@ impl Layout<'_> {
                 x > 2.0 && x < 69.5 && y.abs() < 39.0 && (y.abs() < 0.8 * x || dice.chance(0.3))
             }
         };
-        let footprint = footprint(model, pose);
-        inside && self.has_room(model, pose) && !footprint.overlaps_any(&self.taken, 0.25)
+        let own = Footprint::of(model.low, model.high, [x, y], yaw);
+        let mut taken = self.taken.iter();
+        inside && self.has_room(model, pose) && !taken.any(|other| own.overlaps(other, 0.25))
     }
 
     /// Draws where an object of this class could be at this range; None when the range does not reach the place across the road.
@@ -334,11 +335,6 @@ impl Layout<'_> {
         };
         (range * azimuth.cos(), range * azimuth.sin(), yaw)
     }
-}
-
-/// The rectangle of a model at a pose; the label's middle need not be the model's origin.
-fn footprint(model: &Model, (x, y, yaw): Pose) -> Footprint {
-    Footprint::of(model.low, model.high, [x, y], yaw)
 }
 
 /// A heading against the road, rad: turned around or along.

@@ -25,7 +25,7 @@ mod scene;
 mod sensor;
 pub mod synthetic_unknown;
 
-pub use drawn::{HELD_OUT, rays};
+pub use drawn::rays;
 pub use export::{ExportOptions, export};
 pub use mluc_sources::shard;
 pub use realism::{Realism, Step};
@@ -196,7 +196,7 @@ pub struct SimulatedObject {
 }
 
 impl SimulatedObject {
-    /// KITTI's level: 0 visible, 1 partly, 2 largely occluded, 3 hardly seen. Without a camera fewer than 10 points are level 3 too.
+    /// KITTI's level: 0 visible, 1 partly, 2 largely occluded, 3 hardly seen. In `sim-udi` fewer than 10 points are level 3 too.
     pub fn occluded(&self, family: Family) -> i32 {
         if family == Family::SimUdi && self.points < 10 {
             return 3;
@@ -298,10 +298,7 @@ fn turn(
     let height_m = profile.as_ref().map(|p| p.height_m.unwrap_or_else(drawn));
     let ground = ground::Ground::draw(family, height_m, &mut dice(1));
     let on_vehicle = profile.as_ref().filter(|_| family == Family::SimAny);
-    let ego = on_vehicle.map(|profile| {
-        let height_m = -ground.height(0.0, 0.0);
-        ego::Ego::draw(profile, height_m, ground.room.as_ref(), &mut dice(9))
-    });
+    let ego = on_vehicle.map(|profile| ego::Ego::draw(profile, &ground, &mut dice(9)));
     let own_ground = ego.as_ref().map_or(ego::CAR, |ego| ego.footprint);
     let mut layout = layout::place_objects(stream, &ground, own_ground, &mut dice(2));
     let mut scene = scene::Scene::default();
@@ -310,20 +307,14 @@ fn turn(
     if family == Family::SimAny && turn.is_none() && stream.realism.has(Step::Weather) {
         background::weather(&mut layout, &mut scene, &mut dice(11));
     }
-    let half_turn = family == Family::SimKitti;
     let sensor_key = random::hash(&[key, 5]);
-    // The sensor of a pair looks from the same place.
-    let scanner = by.map(|by| SensorProfile {
-        height_m: profile.as_ref().and_then(|p| p.height_m),
-        ..by.clone()
-    });
     let is_drawn = sensor.or(by).is_none();
-    let mut sensor = match scanner.as_ref().or(profile.as_ref()) {
+    let mut sensor = match by.or(profile.as_ref()) {
         Some(profile) => {
             let drops = stream.realism.has(Step::Drop);
             sensor::Sensor::of(profile, drawn::JITTER_DEG, sensor_key, drops)
         }
-        None => sensor::Sensor::new(sensor_key, half_turn, stream.realism),
+        None => sensor::Sensor::new(sensor_key, family == Family::SimKitti, stream.realism),
     };
     if let (Some(ego), None) = (&ego, turn) {
         let is_merged = profile.as_ref().is_some_and(|p| !p.units.is_empty());
@@ -355,8 +346,7 @@ fn turn(
     let calibration = labels::calibration(family)?;
     let mut frame =
         labels::label(&calibration, &sensor, &scene, &solids, sweep).map_err(mesh_error)?;
-    let (normal, offset) = ground.plane();
-    let offset = offset + normal.dot(sensor_at);
+    let (normal, offset) = ground.plane(sensor_at);
     frame.plane = [normal.x, normal.y, normal.z, offset].map(f64::from);
     Ok((frame, sensor_at.to_array().map(f64::from)))
 }

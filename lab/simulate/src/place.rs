@@ -67,8 +67,8 @@ pub(crate) fn besides_streets(sensor_height_m: f32, dice: &mut Dice) -> Option<P
 
 #[cfg(test)]
 mod tests {
-    use super::super::background::Thing::*;
-    use super::super::{Class, Family, SimulatedFrame, Split, Stream, random, turn};
+    use super::super::background::Thing::{self, *};
+    use super::super::{Class, Family, Realism, SimulatedFrame, Split, Step, Stream, random, turn};
     use super::super::{ground::Ground, labels::UNLABELLED};
     use super::*;
     use mluc_model::SensorProfile;
@@ -85,14 +85,15 @@ mod tests {
         }
     }
 
-    fn shown(index: u32) -> SimulatedFrame {
-        let stream = Stream::full(Family::SimAny, Split::Train, 1);
+    fn shown(index: u32, left_out: &[Step]) -> SimulatedFrame {
+        let mut stream = Stream::full(Family::SimAny, Split::Train, 1);
+        stream.realism = Realism::without(left_out);
         let shown = turn(stream, [Some(&sensor()), None], index, None);
         shown.expect("a frame").0
     }
 
     /// The first frames of a place.
-    fn frames_of(place: Place, is_covered: bool) -> impl Iterator<Item = SimulatedFrame> {
+    fn frames_of(place: Place, is_covered: bool, left_out: &[Step]) -> Vec<SimulatedFrame> {
         let family = Family::SimAny as u64;
         let shows = move |index: &u32| {
             let key = random::hash(&[1, family, Split::Train as u64, u64::from(*index)]);
@@ -100,7 +101,8 @@ mod tests {
             let ground = Ground::draw(Family::SimAny, Some(HEIGHT_M), dice);
             ground.place == place && ground.room.is_some() == is_covered
         };
-        (0..400).filter(shows).take(3).map(shown)
+        let indices = (0..400).filter(shows).take(3);
+        indices.map(|index| shown(index, left_out)).collect()
     }
 
     #[test]
@@ -117,7 +119,7 @@ mod tests {
             (Place::Hall, true, person, 8, [Ceiling, Building]),
             (Place::Path, false, person, 6, [Grass, Tree]),
         ] {
-            let frames: Vec<SimulatedFrame> = frames_of(place, is_covered).collect();
+            let frames = frames_of(place, is_covered, &[]);
             assert_eq!(frames.len(), 3, "{place:?}");
             let of_class = |f: &SimulatedFrame| {
                 let objects = f.objects.iter().filter(|o| o.class == class);
@@ -144,10 +146,18 @@ mod tests {
     }
 
     #[test]
+    fn without_frontage_nothing_is_seen_over_the_parapets_of_a_car_park() {
+        let outside = [Wall, Fence, Hedge, Bush].map(Thing::instance);
+        for frame in frames_of(Place::CarPark, true, &[Step::Frontage]) {
+            assert!(!frame.instances.iter().any(|i| outside.contains(i)));
+        }
+    }
+
+    #[test]
     fn the_own_vehicle_is_seen_without_a_label_and_stands_in_nothing() {
         let is_own = |(p, i): &(&[f32; 4], &u16)| **i == UNLABELLED && p[0].hypot(p[1]) < 1.2;
         let mut seen = 0;
-        for frame in (0..24).map(shown) {
+        for frame in (0..24).map(|index| shown(index, &[])) {
             let points = frame.points.iter().zip(&frame.instances);
             let own: Vec<[f32; 4]> = points.filter(is_own).map(|(p, _)| *p).collect();
             seen += usize::from(!own.is_empty());

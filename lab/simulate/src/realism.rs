@@ -108,9 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn with_every_step_a_frame_is_what_it_is_without_the_option() {
-        let usual = frame(Family::SimKitti, Split::Train, 1, 0, None).expect("a frame");
-        assert_eq!(frame_without(&[], 0), usual);
+    fn every_step_changes_frames() {
         for step in Step::ALL {
             let of_any = matches!(step, Step::Street | Step::Weather);
             let family = [Family::SimKitti, Family::SimAny][usize::from(of_any)];

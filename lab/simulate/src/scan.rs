@@ -95,7 +95,7 @@ pub(crate) fn trace(world: &Searchable, sensor: &Sensor, shot: Shot) -> Option<H
 }
 
 /// In rain a drop near the sensor answers some rays, and of the others more are lost the farther they go.
-fn in_rain(sensor: &Sensor, rain: f32, shot: Shot, hit: Option<Hit>) -> Option<Hit> {
+pub(crate) fn in_rain(sensor: &Sensor, rain: f32, shot: Shot, hit: Option<Hit>) -> Option<Hit> {
     if rain <= 0.0 || sensor.is_blind(shot) {
         return hit;
     }

@@ -99,11 +99,10 @@ pub(crate) struct Motion {
 const TURN_S: f32 = 0.1;
 
 impl Motion {
-    /// Where the sensor was (m) and its heading (sine and cosine) when this share of the turn was left.
-    fn pose(self, share_left: f32) -> (V3, [f32; 2]) {
-        let before_s = -TURN_S * share_left;
-        let (sin, cos) = (self.yaw_rate_radps * before_s).sin_cos();
-        (self.velocity_mps * before_s, [sin, cos])
+    /// Where the sensor is (m) and its heading (sine and cosine) so long after the turn's end.
+    fn pose(self, time_s: f32) -> (V3, [f32; 2]) {
+        let (sin, cos) = (self.yaw_rate_radps * time_s).sin_cos();
+        (self.velocity_mps * time_s, [sin, cos])
     }
 }
 
@@ -122,34 +121,19 @@ struct Beam {
     wave_phase: f32,
     /// Where it starts, m.
     origin: V3,
-    /// Which way its unit is turned; none for one that stands straight.
-    turn: Option<Turned>,
-}
-
-/// The axes of a turned unit in the frame of the scan.
-#[derive(Clone, Copy)]
-struct Turned {
+    /// The axes of its unit.
     axes: [V3; 3],
-    yaw_rad: f32,
 }
 
-impl Turned {
-    /// About x (roll), then y (pitch), then z (yaw).
-    fn of(unit: &SensorUnit) -> Option<Turned> {
-        let angles = [unit.roll_deg, unit.pitch_deg, unit.yaw_deg].map(f32::to_radians);
-        if angles == [0.0; 3] {
-            return None;
-        }
-        let [(sr, cr), (sp, cp), (sy, cy)] = angles.map(f32::sin_cos);
-        Some(Turned {
-            axes: [
-                v(cy * cp, sy * cp, -sp),
-                v(cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr),
-                v(cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr),
-            ],
-            yaw_rad: angles[2],
-        })
-    }
+/// The axes of a unit in the frame of the scan: turned about x (roll), then y (pitch), then z (yaw).
+fn axes(unit: &SensorUnit) -> [V3; 3] {
+    let angles = [unit.roll_deg, unit.pitch_deg, unit.yaw_deg];
+    let [(sr, cr), (sp, cp), (sy, cy)] = angles.map(|deg| deg.to_radians().sin_cos());
+    [
+        v(cy * cp, sy * cp, -sp),
+        v(cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr),
+        v(cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr),
+    ]
 }
 
 /// One sensor, as it is in one frame.
@@ -179,8 +163,10 @@ pub(crate) struct Sensor {
     pub(crate) second_returns: f32,
     /// Lines that wave while they are swept: by how much, rad, and how often a turn.
     wave: [f32; 2],
-    /// What the robot's own body hides.
+    /// What the robot's own body hides, in the sensor's own frame.
     blind: Vec<BlindSector>,
+    /// The axes of that frame in the frame of the scan, which is level.
+    axes: [V3; 3],
 }
 
 impl Sensor {
@@ -208,7 +194,7 @@ impl Sensor {
                 bias_m: noise.beam_bias_m * normal(draw(Stream::Bias, b)),
                 wave_phase: 0.0,
                 origin: up(origin_z_m),
-                turn: None,
+                axes: axes(&SensorUnit::default()),
             }
         };
         let (ahead, all) = ((COLUMNS - COLUMNS / 4, COLUMNS / 2), (0, COLUMNS));
@@ -254,7 +240,7 @@ impl Sensor {
                 bias_m: noise.beam_bias_m * normal(draw(Stream::Bias, id)),
                 wave_phase: 0.0,
                 origin: V3::from(unit.at_m),
-                turn: Turned::of(unit),
+                axes: axes(unit),
             }
         };
         let beams = units.iter().enumerate().flat_map(|unit| {
@@ -283,6 +269,7 @@ impl Sensor {
             glass: [passes, 1.0 - passes - returns],
             base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, usize::MAX)),
             blind: profile.blind.clone(),
+            axes: axes(&own_tilt),
             ..Sensor::default()
         };
         if let Some(wave) = profile.wave {
@@ -319,17 +306,14 @@ impl Sensor {
         self.stray_rad + moved
     }
 
-    /// A box where the points on it lie: as the sensor saw it when it looked there.
-    pub(crate) fn seen(&self, shape: Box3) -> Box3 {
+    /// A box where the points on it lie: as the sensor saw it so long after the turn's end.
+    pub(crate) fn seen(&self, shape: Box3, time_s: f32) -> Box3 {
         let Some(motion) = self.motion else {
             return shape;
         };
-        let [x, y, z] = shape.center_m.map(|c| c as f32);
-        let column = y.atan2(x).rem_euclid(TAU) / TAU * self.columns as f32;
-        let done = (column - self.first_column as f32).rem_euclid(self.columns as f32);
-        let share_left = 1.0 - (done / self.column_count as f32).min(1.0);
-        let (at, [sin, cos]) = motion.pose(share_left);
-        let center = turned_by(v(x, y, z) - at, [-sin, cos]);
+        let (at, [sin, cos]) = motion.pose(time_s);
+        let center = V3::from(shape.center_m.map(|c| c as f32));
+        let center = turned_by(center - at, [-sin, cos]);
         Box3 {
             center_m: center.to_array().map(f64::from),
             yaw_rad: shape.yaw_rad - f64::from(sin.atan2(cos)),
@@ -349,7 +333,7 @@ impl Sensor {
         let Some(motion) = self.motion else {
             return (start, direction);
         };
-        let (at, heading) = motion.pose(self.share_left(shot.1));
+        let (at, heading) = motion.pose(self.time_s(shot.1));
         let [start, direction] = [start, direction].map(|of| turned_by(of, heading));
         (at + start, direction)
     }
@@ -360,19 +344,15 @@ impl Sensor {
             return false;
         }
         let (_, ray) = self.ray_in_sensor(shot);
-        let [azimuth_deg, elevation_deg] = [ray.y.atan2(ray.x), ray.z.asin()].map(f32::to_degrees);
+        let [x, y, z] = self.axes.map(|axis| axis.dot(ray));
+        let [azimuth_deg, elevation_deg] = [y.atan2(x), z.asin()].map(f32::to_degrees);
         let mut sectors = self.blind.iter();
         sectors.any(|sector| sector.hides(azimuth_deg, elevation_deg))
     }
 
-    /// Of the turn, at a column.
-    fn share_left(&self, column: usize) -> f32 {
-        1.0 - (column as f32 + 0.5) / self.column_count as f32
-    }
-
     /// When a column is cast, after the turn's end, s.
     pub(crate) fn time_s(&self, column: usize) -> f32 {
-        -TURN_S * self.share_left(column)
+        -TURN_S * (1.0 - (column as f32 + 0.5) / self.column_count as f32)
     }
 
     /// The same as the sensor itself, which may move, reports it.
@@ -385,11 +365,9 @@ impl Sensor {
         let [height_rad, a_turn] = self.wave;
         let done = TAU * (a_turn * turn / self.columns as f32 + beam.wave_phase);
         let (sin_e, cos_e) = (beam.elevation_rad + height_rad * done.sin()).sin_cos();
-        let direction = v(cos_e * cos_a, cos_e * sin_a, sin_e);
-        let turned = beam.turn.map_or(direction, |Turned { axes, .. }| {
-            axes[0] * direction.x + axes[1] * direction.y + axes[2] * direction.z
-        });
-        (beam.origin, turned)
+        let [x, y, z] = beam.axes;
+        let direction = x * (cos_e * cos_a) + y * (cos_e * sin_a) + z * sin_e;
+        (beam.origin, direction)
     }
 
     /// Elevation of a beam in its unit, rad.
@@ -401,8 +379,8 @@ impl Sensor {
     pub(crate) fn column_direction(&self, (beam, column): Shot) -> [f32; 2] {
         let beam = &self.beams[beam];
         let turn = ((self.first_column + column) % self.columns) as f32 + beam.phase;
-        let yaw_rad = beam.turn.map_or(0.0, |turn| turn.yaw_rad);
-        let (sin, cos) = (std::f32::consts::TAU * turn / self.columns as f32 + yaw_rad).sin_cos();
+        let yaw_rad = beam.axes[0].y.atan2(beam.axes[0].x);
+        let (sin, cos) = (TAU * turn / self.columns as f32 + yaw_rad).sin_cos();
         [cos, sin]
     }
 
@@ -479,6 +457,8 @@ mod tests {
     #[test]
     fn a_product_waves_as_its_profile_says_and_nothing_comes_from_blind_sectors() {
         let mut profile = SensorProfile::load("mid-360").expect("a product");
+        profile.pitch_deg = 15.0;
+        let (sin, cos) = profile.pitch_deg.to_radians().sin_cos();
         profile.blind = vec![BlindSector {
             azimuth_deg: [90.0, 60.0],
             below_deg: 20.0,
@@ -488,7 +468,10 @@ mod tests {
         let shots = shots.map(|i| (i / sensor.column_count, i % sensor.column_count));
         let (mut highest, mut lowest, mut blind) = (0.0f32, 0.0f32, 0);
         for shot in shots {
-            let (_, ray) = sensor.ray(shot);
+            let (_, level) = sensor.ray(shot);
+            // In the frame of the tilted sensor.
+            let [x, y, z] = level.to_array();
+            let ray = v(x * cos - z * sin, y, x * sin + z * cos);
             let elevation_deg = ray.z.asin().to_degrees();
             highest = highest.max(elevation_deg);
             lowest = lowest.min(elevation_deg);

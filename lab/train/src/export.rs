@@ -2,10 +2,12 @@
 
 use std::ops::Range;
 
-use mluc_model::{WeightSet, expected_tensors};
+use mluc_backbone::Backbone;
+use mluc_evaluate::EvaluateError;
+use mluc_head::Head;
+use mluc_model::{Manifest, WeightSet, expected_tensors};
 
-use crate::network::{Chain, StepInput};
-use crate::{layers::Layer, plan::Planner, pool::Pool, trainer::TrainState};
+use crate::{error::TrainError, layers::Layer, network::Chain, trainer::TrainState};
 
 /// Weights in the model file's order of axes.
 pub fn weights(chain: &Chain, state: &TrainState) -> WeightSet {
@@ -59,22 +61,9 @@ pub(crate) fn place([(_, first), (count, second), (last_count, last)]: Axes, i: 
     rest / count * first + rest % count * second + z * last
 }
 
-/// The largest objectness (of a sigmoid head, class probability) that the network gives to a scan without points.
-pub fn empty_objectness_max(chain: &Chain, state: &TrainState) -> f32 {
-    let plan = Planner::new(&chain.network).plan(&[vec![]]);
-    let input = StepInput {
-        running: Some(&state.running),
-        ..StepInput::new(&state.parameters, &plan, &[])
-    };
-    let pass = chain.forward(&input, &mut Pool::default());
-    let anchors = chain.heads.presence.cout;
-    let [up1, up2] = &pass.outputs.presence;
-    let mut most = f32::MIN;
-    for cell in 0..plan.map.cells() {
-        let [row1, row2] = plan.map.up_rows(cell).map(|row| row * anchors);
-        for a in 0..anchors {
-            most = most.max(up1[row1 + a] + up2[row2 + a]);
-        }
-    }
-    1.0 / (1.0 + (-most).exp())
+/// The largest objectness (of a sigmoid head, class probability) that a network gives to a scan without points.
+pub fn empty_objectness_max(manifest: &Manifest, weights: &WeightSet) -> Result<f32, TrainError> {
+    let rows = Backbone::new(manifest, weights)?.empty_rows()?;
+    let head = Head::new(manifest, weights).map_err(EvaluateError::from)?;
+    Ok(head.objectness_max(&rows))
 }

@@ -92,7 +92,7 @@ impl Setting {
         }
     }
 
-    /// Objects of a class that a frame holds after pasting (paper's implementation for KITTI's three; a choice for UDI and other classes).
+    /// Objects of a class that a frame holds after pasting: a choice.
     pub(crate) fn objects_wanted(self, class: &str) -> usize {
         match (self, class) {
             // Its scans are full, and an object cut out of one sensor's scan is none of another's.

@@ -98,12 +98,15 @@ impl Layer {
         norm::backward(activation, plan.tail, gamma, &mut gradient, affine);
         let plain = &parameters[self.weight.clone()];
         let weight = &mut pool.gradients[self.weight.clone()];
+        let shape = [self.taps, self.cin, self.cout];
+        let gathers = (&plan.gather, plan.transposed.as_ref());
         if self.bf16 {
             let [x, dy] = &mut pool.rounded;
-            let (x, dy) = (round(input, x), round(&gradient, dy));
-            self.gradients(x, dy, plan, plain, weight, &mut all);
+            let rows = [round(input, x), round(&gradient, dy)];
+            gradients(rows, gathers, shape, plain, weight, &mut all);
         } else {
-            self.gradients(input, &gradient, plan, plain, weight, &mut all);
+            let rows = [input, &gradient];
+            gradients(rows, gathers, shape, plain, weight, &mut all);
         }
         if let (Some(transposed), Some(background)) = (&plan.transposed, plan.background) {
             let last = &mut all[transposed.outputs() * self.cin..];
@@ -116,24 +119,6 @@ impl Layer {
     fn convolve<I: Element>(&self, input: &[I], gather: &Gather, plain: &[f32], to: &mut [f32]) {
         let weights = Weights::pack(self.taps, self.cin, self.cout, plain);
         convolve(input, gather, &weights, Epilogue::default(), None, to);
-    }
-
-    /// Adds the gradient of the weights, and writes that of the input where the plan wants it.
-    fn gradients<I: Element<Sum = f32>>(
-        &self,
-        input: &[I],
-        gradient: &[I],
-        plan: &LayerPlan,
-        plain: &[f32],
-        weight: &mut [f32],
-        to: &mut [f32],
-    ) {
-        let shape @ [_, cin, cout] = [self.taps, self.cin, self.cout];
-        weight_gradient(input, cin, &plan.gather, gradient, cout, weight);
-        if let Some(transposed) = &plan.transposed {
-            let to = &mut to[..transposed.outputs() * cin];
-            convolve_transposed(gradient, transposed, shape, plain, to);
-        }
     }
 
     /// Gradient of the background row: for each tap, the sum of its readers' gradients times that tap's weights.
@@ -278,19 +263,23 @@ pub(crate) fn linear_backward(
     back: &mut [f32],
 ) {
     let rows = identity(input.len() / cin);
-    weight_gradient(input, cin, &rows, gradient, cout, to);
-    convolve_transposed(gradient, &rows, [1, cin, cout], plain, back);
+    let gathers = (&rows, Some(&rows));
+    gradients([input, gradient], gathers, [1, cin, cout], plain, to, back);
 }
 
-/// The gradient of a convolution's input from that of its output. `shape`: of the weights `[tap][cin][cout]`.
-fn convolve_transposed<I: Element>(
-    gradient: &[I],
-    transposed: &Gather,
+/// From the gradient of a convolution's output: adds that of the weights `[tap][cin][cout]`, and writes that of the input where it is wanted.
+fn gradients<I: Element<Sum = f32>>(
+    [input, gradient]: [&[I]; 2],
+    (gather, transposed): (&Gather, Option<&Gather>),
     [taps, cin, cout]: [usize; 3],
     plain: &[f32],
-    to: &mut [f32],
+    weight: &mut [f32],
+    back: &mut [f32],
 ) {
-    let weights = Weights::pack_transposed(taps, cin, cout, plain);
-    let plain = Epilogue::default();
-    convolve(gradient, transposed, &weights, plain, None, to);
+    weight_gradient(input, cin, gather, gradient, cout, weight);
+    if let Some(transposed) = transposed {
+        let weights = Weights::pack_transposed(taps, cin, cout, plain);
+        let epilogue = Epilogue::default();
+        convolve(gradient, transposed, &weights, epilogue, None, back);
+    }
 }

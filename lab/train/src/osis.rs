@@ -41,10 +41,15 @@ pub fn train_osis(
     let _lock = run_folder::enter(&settings.out)?;
     let out = settings.out.join("model.safetensors");
     let channels = network.feature_channels();
+    let data = settings
+        .data
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy();
     let is_done = |found: Model| {
         let from = &found.manifest.provenance;
         let mut trunk = model.weights.iter();
-        (from.steps, from.seed) == (settings.steps, settings.seed)
+        (from.steps, from.seed, &*from.data) == (settings.steps, settings.seed, &*data)
             && trunk.all(|tensor| found.weights.iter().any(|other| other == tensor))
             && PointEmbedding::read(&found.weights, channels).is_some()
     };
@@ -58,6 +63,7 @@ pub fn train_osis(
     embedding.write(&mut model.weights);
     let provenance = &mut model.manifest.provenance;
     (provenance.steps, provenance.seed) = (settings.steps, settings.seed);
+    provenance.data = data.into_owned();
     run_folder::write(&out, &model_bytes(&model.manifest, &model.weights)?)?;
     Ok(out)
 }

@@ -239,7 +239,6 @@ impl Run {
         let (settings, state) = (&self.settings, &self.trainer.state);
         let chain = &self.trainer.chain;
         let mut manifest = self.manifest.clone();
-        manifest.empty_objectness_max = export::empty_objectness_max(chain, state);
         let data = settings.data.file_name().unwrap_or_default();
         manifest.provenance = Provenance {
             data: data.to_string_lossy().into_owned(),
@@ -251,6 +250,7 @@ impl Run {
             ..Provenance::default()
         };
         let mut weights = export::weights(chain, state);
+        manifest.empty_objectness_max = export::empty_objectness_max(&manifest, &weights)?;
         if let Some(scorer) = &self.cluster_scorer {
             scorer.write(&mut weights);
         }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, builder::RangedU64ValueParser};
 use mluc_dataset::{KITTI_CLASSES, SIMULATED_CLASSES};
+use mluc_kernels::Level;
 use mluc_model::{AnchorClass, Beams, Manifest, Network, Takes};
 
 use crate::kind::{Architecture, NetworkKind, Setting};
@@ -84,6 +85,11 @@ impl TrainSettings {
         let mut settings = TrainSettings::try_parse_from(options).expect("options of the trainer");
         (settings.data, settings.out) = (data.into(), out.into());
         settings
+    }
+
+    /// Whether this processor multiplies bf16; on others f32 is faster.
+    pub fn bf16_is_faster() -> bool {
+        Level::best().name() == "avx512bf16"
     }
 
     /// Classes that the network learns.

@@ -42,10 +42,16 @@ fn train(trainer: &mut Trainer, steps: std::ops::Range<u64>) -> Vec<f64> {
 
 #[test]
 fn the_loss_falls() {
-    let losses = train(&mut trainer(300), 0..300);
-    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
-    let (first, last) = (mean(&losses[..10]), mean(&losses[290..]));
-    assert!(last < 0.2 * first, "{first} to {last}");
+    for bf16 in [false, true] {
+        let mut trainer = trainer(300);
+        let chain = &mut trainer.chain;
+        let layers = chain.sparse.iter_mut().chain(&mut chain.block1);
+        layers.for_each(|layer| layer.bf16 = bf16);
+        let losses = train(&mut trainer, 0..300);
+        let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+        let (first, last) = (mean(&losses[..10]), mean(&losses[290..]));
+        assert!(last < 0.2 * first, "{first} to {last}, bf16 {bf16}");
+    }
 }
 
 #[test]
@@ -88,7 +94,8 @@ fn a_wrong_checkpoint_is_refused_and_the_state_left_alone() {
 fn write_model(t: &Trainer, manifest: &Manifest, path: &Path) {
     let weights = export::weights(&t.chain, &t.state);
     let mut manifest = manifest.clone();
-    manifest.empty_objectness_max = export::empty_objectness_max(&t.chain, &t.state);
+    let most = export::empty_objectness_max(&manifest, &weights);
+    manifest.empty_objectness_max = most.expect("an engine");
     let bytes = mluc_model::model_bytes(&manifest, &weights).expect("a model");
     std::fs::write(path, bytes).expect("written");
 }

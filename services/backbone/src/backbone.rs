@@ -108,11 +108,6 @@ impl Backbone {
         on_layers!(&self.0, layers => layers.feature_channels)
     }
 
-    /// Feature rows of the last frame.
-    pub fn rows(&self) -> usize {
-        self.cells().len()
-    }
-
     fn cells(&self) -> &[u32] {
         on_layers!(&self.0, layers => layers.cells())
     }
@@ -164,8 +159,8 @@ impl Backbone {
 
     /// [`Backbone::write_rows`] into vectors of its own: cells and rows.
     pub fn last_rows(&self) -> Result<(Vec<u32>, Vec<f32>)> {
-        let mut cells = vec![0; self.rows()];
-        let mut rows = vec![0.0; cells.len() * self.feature_channels()];
+        let mut cells = vec![0; self.cells().len()];
+        let mut rows = vec![f32::NAN; cells.len() * self.feature_channels()];
         self.write_rows(&mut cells, &mut rows)?;
         Ok((cells, rows))
     }

@@ -77,11 +77,11 @@ fn layers_of_odd_sizes() -> Fallible {
     }
     cin = network.map_channels();
     let blocks = network.block1.iter_mut().chain(&mut network.block2);
-    for (layer, cout) in blocks.zip([38, 70, 66, 2, 130, 62, 58]) {
+    for (layer, cout) in blocks.zip([38, 70, 47, 2, 130, 62, 58]) {
         (layer.cin, layer.cout) = (cin, cout);
         cin = cout;
     }
-    (network.up1.cin, network.up2.cin) = (66, 58);
+    (network.up1.cin, network.up2.cin) = (47, 58);
     (network.up1.cout, network.up2.cout) = (24, 24);
     let found = check(&manifest, &scan(7, "odd"))?;
     assert!(found > 50, "{found} voxels");

@@ -15,6 +15,8 @@ pub const ANCHOR_YAWS_RAD: [f64; 2] = [0.0, 1.57];
 pub const DIRECTION_OFFSET_RAD: f64 = std::f64::consts::FRAC_PI_4;
 /// A size may be e^3, 20 times, its anchor's or as little: what lies beyond is no box but an overflow in waiting.
 const LOG_SIZE_MAX: f64 = 3.0;
+/// Codes beyond this are no box either: places stay within f32.
+const CODE_MAX: f32 = 1e4;
 
 /// The anchors of a model: at every cell two yaws for each class, then for each size without a class, in (class, yaw) order.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,10 +81,11 @@ pub fn encode(found: &Box3, anchor: &Box3) -> [f64; BOX_CODES] {
     [x / diagonal, y / diagonal, z / ha, l, w, h, yaw]
 }
 
-/// The box of a code; its yaw still has two readings half a turn apart. None where the code is no number.
+/// The box of a code; its yaw still has two readings half a turn apart. None where a code is no number or enormous.
 pub fn decode(code: &[f32], anchor: &Box3) -> Option<Box3> {
     let code: [f32; BOX_CODES] = code.try_into().ok()?;
-    if !code.iter().all(|value| value.is_finite()) {
+    // False for NaN.
+    if !code.iter().all(|value| value.abs() <= CODE_MAX) {
         return None;
     }
     let [tx, ty, tz, tl, tw, th, tyaw] = code.map(f64::from);

@@ -3,16 +3,6 @@
 use mluc_ipc_types::{Detection, DetectionKind, GateKind};
 use mluc_model::Thresholds;
 
-/// A box whose embedding lies near the prototypes' centre, e < threshold, belongs to no known class. e is never below 1:
-/// a threshold of 1 or less is the closed-set detector.
-pub fn gate(eds_normalised: f32, threshold: f32) -> DetectionKind {
-    if eds_normalised < threshold {
-        DetectionKind::Candidate
-    } else {
-        DetectionKind::Known
-    }
-}
-
 /// A gate's threshold, in the gate's own unit; 0 without a gate.
 pub fn threshold_of(gate: GateKind, thresholds: &Thresholds) -> f32 {
     match gate {
@@ -32,7 +22,8 @@ pub fn main_gate(is_open: bool, thresholds: &Thresholds) -> GateKind {
     main.unwrap_or(GateKind::None)
 }
 
-/// By every threshold of a model: e is too small, or the largest class probability (the naive gate of a softmax). Where
+/// By every threshold of a model: e is too small (the embedding lies near the prototypes' centre; it is never below 1: a threshold of 1 or less
+/// is the closed-set detector), or the largest class probability (the naive gate of a softmax). Where
 /// the head has a logit of the unknown, its probability `unknown` alone may fire too, and the other two must have it
 /// above one half: a known object is never lost to a doubt. Gives the gate that fired, or of a known box the model's.
 pub fn gate_by(
@@ -40,8 +31,7 @@ pub fn gate_by(
     unknown: Option<f32>,
     thresholds: &Thresholds,
 ) -> (DetectionKind, GateKind) {
-    let eds = gate(scores.eds_normalised, thresholds.eds_normalised_max);
-    let doubt = if eds == DetectionKind::Candidate {
+    let doubt = if scores.eds_normalised < thresholds.eds_normalised_max {
         Some(GateKind::Eds)
     } else {
         (scores.softmax_max < thresholds.softmax_min).then_some(GateKind::SoftmaxMax)
@@ -71,13 +61,6 @@ mod tests {
     use mluc_model::{Grid, Manifest, Network};
 
     #[test]
-    fn below_the_threshold_is_a_candidate() {
-        assert_eq!(gate(1.2, 1.5), DetectionKind::Candidate);
-        assert_eq!(gate(1.5, 1.5), DetectionKind::Known);
-        assert_eq!(gate(1.0, 0.0), DetectionKind::Known);
-    }
-
-    #[test]
     fn a_doubt_needs_the_logit_of_the_unknown_where_there_is_one() {
         use GateKind::{Eds, None as NoGate, SoftmaxMax, UnknownProbability as Logit};
         let scores = Detection {
@@ -95,6 +78,7 @@ mod tests {
             ([0.5, 0.0, 0.0], Some(0.4), (known, SoftmaxMax, 0.5)),
             ([0.5, 0.0, 0.0], Some(0.6), (candidate, SoftmaxMax, 0.5)),
             ([0.0, 0.0, 0.0], Some(0.6), (known, NoGate, 0.0)),
+            ([0.0, 1.2, 0.0], None, (known, Eds, 1.2)),
             ([0.0, 1.3, 0.0], None, (candidate, Eds, 1.3)),
             ([0.0, 1.3, 0.0], Some(0.4), (known, Eds, 1.3)),
             ([0.0, 1.3, 0.6], Some(0.6), (candidate, Logit, 0.6)),

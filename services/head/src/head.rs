@@ -12,6 +12,9 @@ use crate::gate::{gate_by, is_unknown, threshold_of};
 use crate::{HeadCounts, HeadError};
 use crate::{memory::Memory, prototypes::Prototypes};
 
+/// Embeddings and logits from here on make no scores: their squares stay within f32.
+const VALUE_MAX: f32 = 1e9;
+
 /// The heads, the prototypes and the gate, with all memory of a frame.
 #[derive(Clone, Debug)]
 pub struct Head {
@@ -194,7 +197,7 @@ impl Head {
         &values[place * self.classes..][..self.classes]
     }
 
-    /// Boxes of the candidates. Those that are no numbers leave; gives how many.
+    /// Boxes of the candidates. Those of numbers that make no sense leave; gives how many.
     fn decode_boxes(&mut self, cells: &[u32]) -> u32 {
         let mut candidates = std::mem::take(&mut self.frame.candidates);
         let mut boxes = std::mem::take(&mut self.frame.boxes);
@@ -218,9 +221,11 @@ impl Head {
         let mut found = decode(&frame.codes[slot * BOX_CODES..][..BOX_CODES], &at)?;
         let bins = &frame.directions[slot * 2..][..2];
         found.yaw_rad = direct(found.yaw_rad, usize::from(bins[1] > bins[0]));
-        let values = self.embedding(candidate);
-        let are_finite = values.iter().all(|value| value.is_finite());
-        are_finite.then_some(found)
+        let unknown = frame.unknown.get(candidate.place as usize);
+        let mut values = self.embedding(candidate).iter().chain(unknown);
+        // False for NaN.
+        let are_sound = values.all(|value| value.abs() < VALUE_MAX);
+        are_sound.then_some(found)
     }
 
     /// Non-maximum suppression over all boxes with a class, whatever it is, then over those without one: they suppress each other alone and come last.
@@ -242,31 +247,23 @@ impl Head {
     fn describe(&self, index: usize, cells: &[u32]) -> Detection {
         let (candidate, found) = (&self.frame.candidates[index], &self.frame.boxes[index]);
         let f = self.embedding(candidate);
-        let logit = self.frame.unknown.get(candidate.place as usize);
-        let logit = logit.filter(|_| self.kind == HeadKind::Open);
-        let unknown = logit.map(|logit| sigmoid(*logit));
-        let mut scores = self.scores(f);
-        let has_class = candidate.class() < self.classes;
-        let class = match self.kind {
-            HeadKind::Sigmoid => largest(f),
-            _ if has_class => candidate.class(),
-            _ => largest(f),
+        let unknown = self.frame.unknown.get(candidate.place as usize);
+        let unknown = unknown.map(|logit| sigmoid(*logit));
+        let (mut scores, own) = (self.scores(f), candidate.class());
+        let has_class = own < self.classes;
+        let (class, share) = match self.kind {
+            HeadKind::Sigmoid => (largest(f), 1.0),
+            _ if has_class => (own, scores.probabilities[own]),
+            // A generic box is as sure as its being of no class.
+            _ => (largest(f), unknown.unwrap_or(0.0)),
         };
         let (kind, gate) = if has_class {
             gate_by(&scores, unknown, &self.thresholds)
         } else {
             // It is kept as a candidate by its probability alone.
+            scores.probabilities.fill(0.0);
             (DetectionKind::Candidate, GateKind::UnknownProbability)
         };
-        // A generic box is as sure as its being of no class.
-        let share = match self.kind {
-            HeadKind::Sigmoid => 1.0,
-            _ if has_class => scores.probabilities[class],
-            _ => unknown.unwrap_or(0.0),
-        };
-        if !has_class {
-            scores.probabilities.fill(0.0);
-        }
         Detection {
             center_m: found.center_m.map(|value| value as f32),
             size_m: found.size_m.map(|value| value as f32),

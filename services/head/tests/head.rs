@@ -104,41 +104,19 @@ fn a_claimed_box_comes_out_with_its_class_direction_and_scores() -> Fallible {
 }
 
 #[test]
-fn all_anchors_of_a_cell_share_its_embedding() -> Fallible {
-    let manifest = manifest(HeadKind::Metric, 0);
-    let mut head = Head::new(&manifest, &copying(&manifest))?;
-    let anchors = Anchors::new(&manifest);
-    let mut row = quiet_row(&manifest, 6);
-    row[6..9].copy_from_slice(&[0.5, 2.0, -0.3]);
-    for (anchor, x) in [(0, 0.0), (3, 20.0)] {
-        let found = Box3::new([x, 0.0, -1.0, 1.0, 1.0, 1.0, 0.1]);
-        claim(&mut row, &anchors, [3, anchor], &found, 2.0);
-    }
-    let (found, _) = detect(&mut head, &[3], &row)?;
-    assert_eq!(found.len(), 2);
-    assert_eq!(found[0].embedding, found[1].embedding);
-    assert_ne!(found[0].class_id, found[1].class_id);
-    Ok(())
-}
-
-#[test]
 fn damaged_rows_are_counted_and_limits_are_said() -> Fallible {
     let mut manifest = manifest(HeadKind::Metric, 0);
     manifest.thresholds.candidates_max = 5;
     manifest.thresholds.boxes_max = 2;
-    // Finite rows may still overflow in a head: the first box code and the first embedding value.
-    let mut weights = copying(&manifest);
-    for (name, channel) in [("head.box.weight", 9), ("head.embedding.weight", 6)] {
-        weights.find_mut(name).ok_or("a head's weights")?.data[channel] = 10.0;
-    }
-    let mut head = Head::new(&manifest, &weights)?;
+    let mut head = Head::new(&manifest, &copying(&manifest))?;
     let anchors = Anchors::new(&manifest);
     let mut rows = [(); 7].map(|()| quiet_row(&manifest, 6));
     for (cell, row) in rows.iter_mut().enumerate() {
         let apart = Box3::new([10.0 * cell as f64, 0.0, -1.0, 2.0, 1.0, 1.0, 0.0]);
         claim(row, &anchors, [cell, 0], &apart, cell as f32);
     }
-    (rows[6][9], rows[5][6], rows[2][0]) = (f32::MAX, f32::MAX, f32::NAN);
+    // Finite, and no box or score is: the first box code and the first embedding value.
+    (rows[6][9], rows[5][6], rows[2][0]) = (3e38, 2e19, f32::NAN);
     let (found, counts) = detect(&mut head, &[0, 1, 2, 3, 4, 5, 6], &rows.concat())?;
     let expected = HeadCounts {
         candidates: 6,
@@ -230,6 +208,7 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     let cell = 136;
     // 10 objectness, 3 embedding, 70 codes, 20 bins, 1 unknown.
     let mut row = quiet_row(&manifest, 10);
+    row[10..13].copy_from_slice(&[0.5, 2.0, -0.3]);
     // The car's first anchor and two of sizes without a class claim the same place; the last one is the surest.
     for (anchor, logit) in [(0, 1.0), (7, 1.5), (8, 2.0)] {
         let [x, y, _] = anchors.anchor(cell, anchor).center_m;
@@ -247,7 +226,9 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     for d in detections {
         assert!(d.is_candidate() && d.class_id < 3);
         assert!((d.unknown_probability - 0.817_574_5).abs() < 1e-6);
+        assert_eq!(d.embedding[..3], [0.5, 2.0, -0.3], "that of the cell");
     }
+    assert_eq!(with_unknown(1e9)?.1.non_finite, 3);
     // Too little doubt for the threshold, then a known object: the box without a class goes, the other is known.
     for logit in [0.3, -1.5] {
         let (detections, _) = with_unknown(logit)?;

@@ -29,23 +29,17 @@ pub enum Reason {
     #[error("sensor {:.2} m above the ground, expected {:.2} to {:.2} m: mount it there, shift z, or take a model for this height", .0, .1[0], .1[1])]
     Height(f32, [f32; 2]),
     /// Tilt of the sensor, degrees; the largest.
-    #[error(
-        "sensor tilted by {0:.0} degrees, expected at most {1:.0}: level it, or turn the points by its extrinsics"
-    )]
+    #[error("sensor tilted by {:.0} degrees, expected at most {:.0}: level it, or turn the points by its extrinsics", .0, .1)]
     Tilt(f32, f32),
     /// Beams; the fewest and the most that the model takes.
     #[error("{} beams, expected {} to {}: take a model for this sensor", .0, .1[0], .1[1])]
     Beams(u32, [u32; 2]),
     /// Width of a gap in the field, degrees.
-    #[error(
-        "no returns in {0:.0} degrees of the directions that the model sees: uncover the sensor, or name its field with --sensor"
-    )]
+    #[error("no returns in {:.0} degrees of the directions that the model sees: uncover the sensor, or name its field with --sensor", .0)]
     Field(f32),
-    /// A driver's range limit, m.
-    #[error(
-        "returns end {0:.0} m away in nearly all directions, expected {RANGE_END_MIN_M:.0} m or more: raise the driver's range limit"
-    )]
-    Range(f32),
+    /// A driver's range limit, and where returns should end at the least, m.
+    #[error("returns end {:.0} m away in nearly all directions, expected {:.0} m or more: raise the driver's range limit", .0, .1)]
+    Range(f32, f32),
     /// The largest intensity, beyond 1.
     #[error("intensities up to {:.0}, expected 0 to 1: read them with --intensity-scale {}", .0, if *.0 > 255.5 { "0.0000153" } else { "0.00392" })]
     IntensityScale(f32),
@@ -58,29 +52,19 @@ pub enum Reason {
     #[error("the same scan came {0} times, expected new ones: check the driver and the source")]
     Frozen(u32),
     /// Not the given sensor: beams, how far they are off (degrees, on average, or the ends of the vertical field), beams of the profile.
-    #[error(
-        "{0} beams up to {1:.1} degrees off those of the given sensor, expected its {2}: give the right --sensor"
-    )]
+    #[error("{} beams up to {:.1} degrees off those of the given sensor, expected its {}: give the right --sensor", .0, .1, .2)]
     SensorBeams(u32, f32, u32),
     /// Beyond the given sensor's range: returns and range, m.
-    #[error(
-        "returns {0:.0} away, expected at most {1:.0} m by the given sensor: if the coordinates are in feet, read them with --scale 0.3048"
-    )]
+    #[error("returns {:.0} away, expected at most {:.0} m by the given sensor: if the coordinates are in feet, read them with --scale 0.3048", .0, .1)]
     SensorRange(f32, f32),
     /// Not the given sensor's height: found and given, m.
-    #[error(
-        "sensor {0:.2} m above the ground, expected {1:.2} m by the given sensor: correct its height_m"
-    )]
+    #[error("sensor {:.2} m above the ground, expected {:.2} m by the given sensor: correct its height_m", .0, .1)]
     SensorHeight(f32, f32),
     /// Not the given sensor's columns: between them and expected, degrees.
-    #[error(
-        "columns {0:.2} degrees apart, expected {1:.2} by the given sensor: correct its azimuth_step_deg"
-    )]
+    #[error("columns {:.2} degrees apart, expected {:.2} by the given sensor: correct its azimuth_step_deg", .0, .1)]
     SensorStep(f32, f32),
     /// Outside of the given sensor's horizontal field, degrees.
-    #[error(
-        "returns up to {0:.0} degrees outside of the horizontal field of the given sensor, expected none: correct its field_deg"
-    )]
+    #[error("returns up to {:.0} degrees outside of the horizontal field of the given sensor, expected none: correct its field_deg", .0)]
     SensorField(f32),
 }
 
@@ -134,7 +118,7 @@ impl Reason {
             Reason::Tilt(..) => Flags::SUSPECT_TILT,
             Reason::Beams(..) => Flags::SUSPECT_BEAMS,
             Reason::Field(_) => Flags::SUSPECT_FIELD,
-            Reason::Range(_) => Flags::SUSPECT_RANGE,
+            Reason::Range(..) => Flags::SUSPECT_RANGE,
             Reason::IntensityScale(_) | Reason::IntensityMissing => Flags::SUSPECT_INTENSITY,
             Reason::Frozen(_) => Flags::SUSPECT_FROZEN,
             Reason::SensorBeams(..)
@@ -198,20 +182,21 @@ impl Expected {
         add(!is_usual, Reason::Points(points, [low, high]));
         let intensity = found.intensity_max;
         add(intensity > INTENSITY_MAX, Reason::IntensityScale(intensity));
-        let is_blind = self.uses_intensity && intensity == 0.0;
-        add(is_blind, Reason::IntensityMissing);
         let measured = (1.0 - found.zero_share) * (1.0 - found.not_finite_share);
         if (points as f32 * measured) < POINTS_MIN as f32 {
             return;
         }
-        add(found.unit != Unit::Metre, Reason::Unit(found.unit));
-        add(found.up != Up::Z, Reason::Axes(found.up));
+        let is_blind = self.uses_intensity && intensity == 0.0;
+        add(is_blind, Reason::IntensityMissing);
+        add(found.unit != Unit::default(), Reason::Unit(found.unit));
+        add(found.up != Up::default(), Reason::Axes(found.up));
         let (end_m, end_share) = (found.range_end_m, found.range_end_share);
         let sees_m = self.sensor.as_ref().map_or(f32::MAX, |s| s.range_m[1]);
-        let is_cut = end_m < RANGE_END_MIN_M.min(sees_m - 1.0) && end_share > RANGE_END_SHARE;
-        add(is_cut, Reason::Range(end_m));
+        let least_m = RANGE_END_MIN_M.min(sees_m - 1.0);
+        let is_cut = end_m < least_m && end_share > RANGE_END_SHARE;
+        add(is_cut, Reason::Range(end_m, least_m));
         // Scans in another frame or unit say nothing of mounting and beams.
-        if found.up == Up::Z {
+        if found.up == Up::default() {
             self.judge_mounting(found, &mut add);
             self.judge_beams(found, &mut add);
             self.judge_sensor(found, &mut add);

@@ -1,9 +1,10 @@
 //! The scans that the program brings along, in a folder for as long as somebody runs on them.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Context;
+use tempfile::TempDir;
 
 /// A scan of `assets/`: its name, its points (KITTI's `.bin`, packed with zstd) and its labels.
 macro_rules! bundled {
@@ -24,15 +25,13 @@ const SCANS: [(&str, &[u8], &str); 4] = [
 ];
 
 /// The scans as files: `velodyne/NAME.bin` and `label_2/NAME.txt`.
-pub struct BundledScans {
-    folder: PathBuf,
-}
+pub struct BundledScans(TempDir);
 
 impl BundledScans {
     /// `purpose`: part of the folder's name.
     pub fn write(purpose: &str) -> anyhow::Result<BundledScans> {
-        let folder = std::env::temp_dir().join(format!("mluc-{purpose}-{}", std::process::id()));
-        let scans = BundledScans { folder };
+        let folder = TempDir::with_prefix(format!("mluc-{purpose}-"));
+        let scans = BundledScans(folder.context("a folder for the bundled scans")?);
         for (name, bytes, labels) in SCANS {
             let points = zstd::decode_all(bytes);
             let points = points.with_context(|| format!("bundled scan {name}"))?;
@@ -43,7 +42,7 @@ impl BundledScans {
     }
 
     fn file(&self, folder: &str, name: &str, bytes: &[u8]) -> anyhow::Result<()> {
-        let folder = self.folder.join(folder);
+        let folder = self.0.path().join(folder);
         let made = fs::create_dir_all(&folder);
         let written = made.and_then(|()| fs::write(folder.join(name), bytes));
         written.with_context(|| format!("writing {name} in {}", folder.display()))
@@ -51,12 +50,6 @@ impl BundledScans {
 
     /// Where the files lie.
     pub fn folder(&self) -> &Path {
-        &self.folder
-    }
-}
-
-impl Drop for BundledScans {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.folder);
+        self.0.path()
     }
 }

@@ -12,7 +12,7 @@ use crate::UsageError;
 /// An hour of a fast sensor.
 const BYTES_MAX: u64 = 64 << 30;
 /// What files begin with; KITTI's `.bin` has no such mark.
-const BEGINNINGS: [(&[u8], &str); 10] = [
+const BEGINNINGS: [(&[u8], &str); 11] = [
     (b"\x0A\x0D\x0D\x0A", "pcapng"),
     (b"\xD4\xC3\xB2\xA1", "pcap"),
     (b"\xA1\xB2\xC3\xD4", "pcap"),
@@ -21,6 +21,7 @@ const BEGINNINGS: [(&[u8], &str); 10] = [
     (b"\x89MCAP", "mcap"),
     (b"\x93NUMPY", "npy"),
     (b"ply", "ply"),
+    (b"LASF", "las"),
     (b"# .PCD", "pcd"),
     (b"VERSION", "pcd"),
 ];

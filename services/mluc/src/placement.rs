@@ -119,27 +119,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_not_there_is_refused() {
-        let usable = usable_cpus();
-        assert!(!usable.is_empty());
-        let check = |cpus: &[usize], priority| {
-            let stage = StageSettings {
-                cpus: Some(cpus.to_vec()),
-                priority,
-                ..StageSettings::default()
-            };
-            stage.check_placement("head").map_err(|e| e.to_string())
-        };
-        assert!(check(&usable, Some(10)).is_ok());
-        let error = check(&[usable[0], 4000], None).unwrap_err();
-        assert!(error.contains("cpus of head") && error.contains("4000"));
-        assert!(check(&[], None).is_err());
-        for priority in [0, 100] {
-            assert!(check(&usable, Some(priority)).is_err());
-        }
-    }
-
-    #[test]
     fn cores_that_may_not_be_used_are_left_out() {
         // Of this test's thread alone.
         let before = usable_cpus();

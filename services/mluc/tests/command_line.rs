@@ -11,9 +11,6 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Arguments, and words of the error.
-const REFUSED: &str = include_str!("refused.txt");
-
 /// Exit code 2 of docs/output.md, with words that name the fault.
 #[test]
 fn a_wrong_command_line_or_configuration_is_a_usage_error() {
@@ -25,21 +22,14 @@ fn a_wrong_command_line_or_configuration_is_a_usage_error() {
         assert!(output.stdout.is_empty());
         assert!(said.contains(words), "{arguments:?}: {said}");
     };
-    for case in REFUSED.lines() {
+    for case in include_str!("refused.txt").lines() {
         let (line, words) = case.split_once(" | ").expect("arguments and words");
         refused(&line.split(' ').collect::<Vec<_>>(), words);
     }
-    for (text, words) in [
-        ("\nmodle = 1", "line 2"),
-        ("modle = 1", "did you mean `model`?"),
-        ("[refiner]\npoints_min = -1", "points_min"),
-        ("[refiner]\njoin_m = -4.0", "join_m"),
-        ("[track]\nwindow = 0", "window"),
-        ("track = 3", "true, false or a table"),
-        ("precision = \"fp32\"", "did you mean `f32`?"),
-    ] {
-        let path = folder.path().join("mluc.toml");
-        std::fs::write(&path, text).expect("written");
+    let path = folder.path().join("mluc.toml");
+    for case in include_str!("refused_settings.txt").lines() {
+        let (text, words) = case.split_once(" | ").expect("settings and words");
+        std::fs::write(&path, text.replace("\\n", "\n")).expect("written");
         refused(&["up", "--config", &path.to_string_lossy()], words);
     }
 }

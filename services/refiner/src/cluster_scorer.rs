@@ -13,11 +13,8 @@ pub const FEATURES: usize = CLUSTER_SCORER_WIDTHS[0];
 const WIDEST: usize = 32;
 
 const _: () = {
-    let mut layer = 0;
-    while layer < CLUSTER_SCORER_WIDTHS.len() {
-        assert!(CLUSTER_SCORER_WIDTHS[layer] <= WIDEST);
-        layer += 1;
-    }
+    let [a, b, c, d] = CLUSTER_SCORER_WIDTHS;
+    assert!(a <= WIDEST && b <= WIDEST && c <= WIDEST && d <= WIDEST);
 };
 
 /// Numbers of about 1; the first three are the logs of the seen sizes.
@@ -128,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn what_overflows_scorer_like_nothing() {
+    fn what_overflows_scores_like_nothing() {
         let mut values = vec![f32::MAX; CLUSTER_SCORER_VALUES];
         values[CLUSTER_SCORER_VALUES - 2] = f32::MIN;
         let score = ClusterScorer { values }.score(&Measures::default());

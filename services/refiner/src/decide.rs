@@ -86,7 +86,8 @@ impl UnknownScorer {
 
     /// Score and flags of an unknown object from its box and its cluster's measurements.
     pub(crate) fn score(&self, proposal: &mut Proposal) {
-        let reason = size_reason(&proposal.shape).filter(|_| self.ranks_sizes);
+        let unseen_m = proposal.measures.map_or(0.0, |m| m.beam_gap_m);
+        let reason = size_reason(&proposal.shape, unseen_m.into()).filter(|_| self.ranks_sizes);
         proposal.flags |= reason.unwrap_or(0);
         proposal.score *= match (reason, &self.cluster, &proposal.measures) {
             (Some(_), ..) => UNLIKELY,
@@ -124,14 +125,16 @@ pub(crate) fn leave_out_low_scores(proposals: &mut [Proposal], score_min: ScoreM
     }
 }
 
-/// The flag that says why a box is not of a road user's size, if it is not.
-fn size_reason(shape: &Box3) -> Option<u32> {
-    let pairs = shape.size_m.iter().zip(priors::ROAD_USER_M);
+/// The flag that says why a box is not of a road user's size, if it is not. Its top may lie `unseen_m` higher than it was seen.
+fn size_reason(shape: &Box3, unseen_m: f64) -> Option<u32> {
     let [length, width, height] = shape.size_m;
+    let whole_m = [length, width, height + unseen_m];
     let [post_side_m, post_height_m] = priors::POST_M;
-    if pairs.clone().any(|(size, [_, most])| *size > most) {
+    let mut seen = shape.size_m.iter().zip(priors::ROAD_USER_M);
+    let mut whole = whole_m.iter().zip(priors::ROAD_USER_M);
+    if seen.any(|(size, [_, most])| *size > most) {
         Some(Object::LARGE)
-    } else if pairs.clone().any(|(size, [least, _])| *size < least) {
+    } else if whole.any(|(size, [least, _])| *size < least) {
         Some(Object::SMALL)
     } else if length.max(width) < post_side_m && height > post_height_m {
         // Too high for the ground it stands on: a post, a sign, a trunk.
@@ -144,23 +147,37 @@ fn size_reason(shape: &Box3) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clusters::Measures;
 
     #[test]
     fn sizes_of_walls_posts_and_kerbs_have_a_reason_and_carts_have_none() {
         let cases = [
-            ([2.6, 1.3, 1.9], None),
-            ([15.0, 0.2, 2.0], Some(Object::LARGE)),
-            ([0.5, 0.2, 2.0], Some(Object::SMALL)),
-            ([4.0, 1.0, 0.3], Some(Object::SMALL)),
-            ([0.8, 0.9, 2.3], Some(Object::POST)),
+            ([2.6, 1.3, 1.9], 0.0, 0),
+            ([15.0, 0.2, 2.0], 0.0, Object::LARGE),
+            ([0.5, 0.2, 2.0], 0.0, Object::SMALL),
+            ([4.0, 1.0, 0.3], 0.0, Object::SMALL),
+            ([0.8, 0.9, 2.3], 0.0, Object::POST),
             // A tall person, a person on a scooter, a forklift from its narrow side.
-            ([0.6, 0.7, 1.95], None),
-            ([1.3, 0.6, 2.1], None),
-            ([0.5, 1.25, 2.2], None),
+            ([0.6, 0.7, 1.95], 0.0, 0),
+            ([1.3, 0.6, 2.1], 0.0, 0),
+            ([0.5, 1.25, 2.2], 0.0, 0),
+            // A car's lower part between beams that are close, and far apart. A gap makes nothing too high.
+            ([1.3, 0.6, 0.6], 0.0, Object::SMALL),
+            ([1.3, 0.6, 0.6], 0.9, 0),
+            ([6.0, 2.5, 4.0], 0.9, 0),
         ];
-        for ([l, w, h], expected) in cases {
+        let mut sensor = Sensor::plain(&["car"]);
+        sensor.tells_unknown = true;
+        let scorer = UnknownScorer::new(&Settings::default(), &sensor, None).expect("settings");
+        for ([l, w, h], beam_gap_m, expected) in cases {
             let shape = Box3::new([0.0, 0.0, 0.0, l, w, h, 0.3]);
-            assert_eq!(size_reason(&shape), expected, "{shape:?}");
+            let mut proposal = Proposal::of_detection(0, &Detection::default(), shape, 0.5);
+            proposal.measures = Some(Measures {
+                beam_gap_m,
+                ..Measures::default()
+            });
+            scorer.score(&mut proposal);
+            assert_eq!(proposal.flags, expected, "{shape:?}");
         }
     }
 }

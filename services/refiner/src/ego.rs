@@ -53,10 +53,10 @@ struct Taken {
 /// Estimates the sensor's pose scan after scan; buffers are made once.
 #[derive(Debug, SmartDefault)]
 pub struct EgoEstimator {
-    /// Of the scan in hand and of the earlier one, with the place of each tile there.
-    #[default(Vec::with_capacity(TILES_MAX))]
+    /// Of the scan in hand and of the earlier one, with the place of each tile there. Within [`RANGE_M`] lie less than a quarter of all tiles.
+    #[default(Vec::with_capacity(TILES / 4))]
     now: Vec<Upright>,
-    #[default(Vec::with_capacity(TILES_MAX))]
+    #[default(Vec::with_capacity(TILES / 4))]
     earlier: Vec<Upright>,
     #[default(vec![NO_TILE; TILES])]
     place: Vec<u32>,

@@ -1,6 +1,6 @@
 //! One pass over the scan: its points, sorted into tiles of 1 m seen from above.
 //!
-//! A counting sort that is linear in the points. Points that are not finite, or further than 128 m from the sensor along x or y, are left out and counted.
+//! A counting sort that is linear in the points. Points that are not finite are left out and counted; those further than 128 m along x or y are left out.
 
 use mluc_geometry::ground::tiles::{NO_TILE, TILES, tile_of, tile_rows};
 use mluc_geometry::ground::{GROUND_HALF_M, lower_point};
@@ -33,14 +33,11 @@ pub struct FrameIndex {
     slots: Vec<IndexedPoint>,
     /// Points with NaN or infinity.
     pub not_finite: u32,
-    /// Points beyond the square, and points beyond the contract's limit.
-    pub outside: u32,
 }
 
 impl FrameIndex {
     /// Sorts the scan; points beyond [`POINTS_MAX`] are left out.
     pub fn sort(&mut self, scan: &[Point]) {
-        self.outside = scan.len().saturating_sub(POINTS_MAX) as u32;
         let scan = &scan[..scan.len().min(POINTS_MAX)];
         self.count_tiles(scan);
         self.fill_slots(scan);
@@ -59,9 +56,7 @@ impl FrameIndex {
         for (point, &tile) in scan.iter().zip(&self.tiles) {
             if tile == NO_TILE {
                 let at_m = [point.x_m, point.y_m, point.z_m];
-                let is_finite = at_m.iter().all(|v| v.is_finite());
-                self.outside += u32::from(is_finite);
-                self.not_finite += u32::from(!is_finite);
+                self.not_finite += u32::from(!at_m.iter().all(|v| v.is_finite()));
             } else {
                 self.tile_first[tile as usize] += 1;
             }
@@ -150,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn points_are_found_by_tile_and_the_rest_is_counted() {
+    fn points_are_found_by_tile_and_those_not_finite_are_counted() {
         let scan = [
             [10.2, 0.0, 1.0],
             [10.8, 0.4, -1.0],
@@ -167,9 +162,8 @@ mod tests {
         for (center_m, half_side_m) in [([f64::NAN, 0.0], 2.0), ([0.0, 0.0], -1.0)] {
             assert!(found(&frame, center_m, half_side_m).is_empty());
         }
-        assert_eq!((frame.not_finite, frame.outside), (2, 1));
+        assert_eq!(frame.not_finite, 2);
         frame.sort(&vec![point([10.0, 1.0, 0.0]); POINTS_MAX + 7]);
-        assert_eq!(frame.outside, 7, "beyond the limit");
         assert_eq!(found(&frame, [10.0, 1.0], 1.0).len(), POINTS_MAX);
     }
 

@@ -71,13 +71,8 @@ fn suppress(
 ) {
     for (rank, &index) in order.iter().enumerate() {
         let own = proposals[index].shape;
-        let by = order[..rank].iter().find_map(|&better| {
-            let better = &proposals[better];
-            // Quicker than the overlap, which hundreds of boxes would ask for.
-            let touch_m = better.shape.half_diagonal_m() + own.half_diagonal_m();
-            if !better.is_standing() || distance_m(&better.shape, &own) > touch_m {
-                return None;
-            }
+        let better = order[..rank].iter().map(|&better| &proposals[better]);
+        let by = better.filter(|d| d.is_standing()).find_map(|better| {
             let overlap = overlap(&better.shape, &own);
             (overlap > limit).then_some((better.detection, overlap))
         });
@@ -85,10 +80,6 @@ fn suppress(
             proposals[index].suppress(Disposition::OverlapsUnknown, by, overlap);
         }
     }
-}
-
-fn distance_m(a: &Box3, b: &Box3) -> f64 {
-    (a.center_m[0] - b.center_m[0]).hypot(a.center_m[1] - b.center_m[1])
 }
 
 /// An unknown goes when most of its points lie in a sure known box, or when their boxes overlap; of several such known
@@ -114,7 +105,8 @@ fn clash_with_known(proposals: &mut [Proposal], points: &[u32], scan: &[Point]) 
 fn clash(unknown: &Proposal, known: &Proposal, own: &[u32], scan: &[Point]) -> Option<f64> {
     // Points of the cluster lie in its tight box, which growing to the unseen side moves by less than its size.
     let reach_m = 2.0 * unknown.shape.half_diagonal_m() + known.shape.half_diagonal_m();
-    if distance_m(&unknown.shape, &known.shape) > reach_m {
+    let [x, y] = [0, 1].map(|axis| unknown.shape.center_m[axis] - known.shape.center_m[axis]);
+    if x.hypot(y) > reach_m {
         return None;
     }
     let grown = Inside::of(&known.shape, KNOWN_MARGIN_M);

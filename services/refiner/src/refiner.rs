@@ -97,8 +97,8 @@ impl Refiner {
     /// One frame: an object for each detection, in their order, with its disposition, then the second readings of candidates: the
     /// same boxes as objects of their classes, where the model tells P(unknown) and [`OBJECTS_MAX`] leaves room.
     ///
-    /// `sequence` keys the random choices of the variant `paper`. Points that are not finite or far outside are left out
-    /// and counted. The result depends on the arguments and settings alone.
+    /// `sequence` keys the random choices of the variant `paper`. Points that are not finite are left out and counted; those
+    /// farther than 128 m are left out. The result depends on the arguments and settings alone.
     pub fn refine(
         &mut self,
         sequence: u64,

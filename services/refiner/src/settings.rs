@@ -8,8 +8,6 @@ use mluc_model::ScoreMin;
 use serde::{Deserialize, Serialize};
 use smart_default::SmartDefault;
 
-use crate::Sensor;
-
 /// Settings, a model or a sensor that no refiner can work with.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{what}: expected {expected}, found {found}")]
@@ -168,11 +166,6 @@ impl Settings {
     pub(crate) fn is_ours(&self) -> bool {
         self.variant == Variant::RangeScaled
     }
-
-    /// Radius r of the paper's cylinder around the seed, m: 4 where the model sees all around (its industrial park), 5 where it looks ahead (KITTI).
-    pub(crate) fn radius_m(&self, sensor: &Sensor) -> f64 {
-        if sensor.sees_all_around { 4.0 } else { 5.0 }
-    }
 }
 
 #[cfg(test)]
@@ -194,17 +187,6 @@ mod tests {
             change(&mut settings);
             let fault = settings.check().expect_err(name);
             assert!(fault.to_string().contains(name), "{fault}");
-        }
-    }
-
-    #[test]
-    fn the_papers_radius_follows_the_model() {
-        for (sees_all_around, expected_m) in [(true, 4.0), (false, 5.0)] {
-            let sensor = Sensor {
-                sees_all_around,
-                ..Sensor::plain(&["car"])
-            };
-            assert_eq!(Settings::default().radius_m(&sensor), expected_m);
         }
     }
 }

@@ -91,6 +91,17 @@ fn a_long_wall_is_cut_and_never_dropped() {
 }
 
 #[test]
+fn thousands_of_clusters_are_all_found() {
+    // Columns of ten points 2 m apart, the lowest on the ground.
+    let column = |i: usize| {
+        let [x, y] = [i / 10 % 72, i / 720].map(|k| 2.0 * k as f64 - 71.0);
+        point([x, y, 0.2 * (i % 10) as f64 - common::SENSOR_HEIGHT_M])
+    };
+    let points: Vec<Point> = (0..72 * 720).map(column).collect();
+    assert_eq!(find(&points).clusters.len(), 72 * 72);
+}
+
+#[test]
 fn nothing_and_garbage_give_no_cluster() {
     assert!(find(&[]).clusters.is_empty());
     let bad = [f64::NAN, f64::INFINITY, 1e30].map(|v| point([v, 1.0, -1.0]));

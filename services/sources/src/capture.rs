@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use mluc_ipc_types::Flags;
 
-use crate::packets::{Calibration, Clock, Decoder, Revolution};
+use crate::packets::{Calibration, Decoder, Revolution};
 use crate::{Next, Scan, files::Layout, numbered, pcap::Capture, rounds::Rounds};
 
 /// Datagrams until the caller is asked to come again: it has heartbeats to send.
@@ -119,10 +119,8 @@ impl Scan {
         if turn.dropped_over_limit > 0 {
             self.flags = self.flags.with(Flags::TRUNCATED);
         }
-        self.stamp_ns = Some(match turn.clock {
-            Clock::Utc | Clock::HourOfSensor => turn.stamp_ns,
-            Clock::Ptp | Clock::SensorUptime => turn.received_ns,
-        });
+        let stamps_ns = [turn.received_ns, turn.stamp_ns];
+        self.stamp_ns = Some(stamps_ns[usize::from(turn.is_utc)]);
         self.received_ns = Some(turn.received_ns);
         (self.offset_ns, self.pose) = (None, None);
     }

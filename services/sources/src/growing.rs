@@ -26,6 +26,8 @@ pub(crate) struct Growing {
     /// The newest file, its bytes, and since when it has had them.
     newest: Option<(PathBuf, u64, Instant)>,
     heard: Instant,
+    /// When the folder changed last, by the clock of its disk, and when that was seen.
+    changed: (Option<SystemTime>, Instant),
 }
 
 impl Growing {
@@ -40,6 +42,7 @@ impl Growing {
             folder: Folder::of(vec![], layout),
             newest: None,
             heard: Instant::now(),
+            changed: (None, Instant::now()),
             path,
         })
     }
@@ -48,11 +51,12 @@ impl Growing {
     fn next(&mut self) -> anyhow::Result<Option<(PathBuf, u64)>> {
         let about = || format!("input {FOLLOW}{}", self.path.display());
         let changed = fs::metadata(&self.path).and_then(|about| about.modified());
-        let age = SystemTime::now().duration_since(changed.with_context(about)?);
-        if self.newest.is_none()
-            && age.is_ok_and(|age| age > QUIET)
-            && !self.folder.scans.is_empty()
-        {
+        let changed = Some(changed.with_context(about)?);
+        if self.changed.0 != changed {
+            self.changed = (changed, Instant::now());
+        }
+        let is_quiet = self.newest.is_none() && self.changed.1.elapsed() > QUIET;
+        if is_quiet && !self.folder.scans.is_empty() {
             return Ok(None);
         }
         let last = self.folder.scans.first().cloned();
@@ -143,6 +147,9 @@ mod tests {
         ["stray.pcd", "10.bin"]
             .iter()
             .for_each(|name| write(name, 10));
+        // The clock of the disk may be another one.
+        let disk = fs::File::open(path).unwrap();
+        disk.set_modified(SystemTime::UNIX_EPOCH).unwrap();
         assert_eq!(until("10", &mut growing), (10, 0));
         assert!(in_order(Path::new("1.25.bin")) < in_order(Path::new("1.5.bin")));
         assert!(growing.silence().is_none());

@@ -220,9 +220,11 @@ impl Frames {
             Linktype::ETHERNET => SlicedPacket::from_ethernet(frame),
             Linktype::LINUX_SLL => SlicedPacket::from_linux_sll(frame),
             // Twenty bytes before the packet (`tcpdump -i any`).
-            Linktype::LINUX_SLL2 => SlicedPacket::from_ip(frame.get(20..)?),
+            Linktype::LINUX_SLL2 => SlicedPacket::from_ip(frame.get(20..).unwrap_or_default()),
             // Four bytes of address family before the packet.
-            Linktype::NULL | Linktype::LOOP => SlicedPacket::from_ip(frame.get(4..)?),
+            Linktype::NULL | Linktype::LOOP => {
+                SlicedPacket::from_ip(frame.get(4..).unwrap_or_default())
+            }
             _ => SlicedPacket::from_ip(frame),
         };
         let found = match &sliced {

@@ -6,7 +6,7 @@ use mluc_gateway::lines::{line, stage_words, status_words};
 use mluc_gateway::ros2::{
     RosTopic, detections, diagnostics, header, markers, point_cloud, topics, transform,
 };
-use mluc_ipc_types::{Object, RunDescription, Stage, Status, Text, Topic};
+use mluc_ipc_types::{Object, RunDescription, Stage, Status, Text, Topic, WIRE_VERSION};
 use mluc_runtime::{
     Frames, HealthWatch, Input, Instance, Message, Next, Scans, Shell, Shutdown, StatusWatch,
     monotonic_ns, wall_clock_ns,
@@ -115,6 +115,8 @@ impl Follower {
         let sensor = Text::unpack(&run.sensor_name).filter(|name| !name.is_empty());
         let head = header(frame.sensor_stamp_ns, sensor.unwrap_or(SENSOR_FRAME));
         let starting = Status {
+            wire_version: WIRE_VERSION,
+            run_id: frame.run_id,
             age_ns: Status::NONE,
             ..Status::default()
         };

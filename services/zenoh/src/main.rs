@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use anyhow::anyhow;
-use clap::Parser;
+use clap::{ArgGroup, Parser};
 use mluc_runtime::{Instance, log_to_stderr};
 use mluc_view::{Follower, TOPICS};
 use serde_json::json;
@@ -24,7 +24,7 @@ const KEYS: [(usize, &str, Encoding); 5] = [
 /// Publish objects and states of a running pipeline over zenoh, until Ctrl-C.
 #[derive(Parser)]
 #[command(name = "mluc zenoh", version)]
-#[group(required = true, multiple = true, args = ["connect", "listen", "config"])]
+#[command(group = ArgGroup::new("link").required(true).multiple(true).args(["connect", "listen", "config"]))]
 struct Cli {
     /// Which pipeline; it may be started later [default: MLUC_INSTANCE, else default].
     #[arg(long, value_parser = Instance::new)]

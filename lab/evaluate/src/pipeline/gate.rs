@@ -88,7 +88,7 @@ impl ModelGate {
     pub(super) fn apply(self, detection: &Detection, threshold: f32) -> Option<Detection> {
         let (gate_kind, threshold) = match self {
             ModelGate::Eds => (GateKind::Eds, threshold),
-            ModelGate::Known => (GateKind::UnknownProbability, unknown_min(threshold)),
+            ModelGate::Known => (GateKind::UnknownProbability, complement(threshold)),
             ModelGate::Softmax => (GateKind::SoftmaxMax, threshold),
         };
         let is_unknown = match self {
@@ -121,8 +121,7 @@ impl ModelGate {
     pub(super) fn threshold(self, thresholds: &Thresholds) -> f32 {
         match self {
             ModelGate::Eds => thresholds.eds_normalised_max,
-            ModelGate::Known if thresholds.unknown_min == 0.0 => 0.0,
-            ModelGate::Known => 1.0 - thresholds.unknown_min,
+            ModelGate::Known => complement(thresholds.unknown_min),
             ModelGate::Softmax => thresholds.softmax_min,
         }
     }
@@ -131,16 +130,15 @@ impl ModelGate {
     pub fn set(self, thresholds: &mut Thresholds, threshold: f32) {
         match self {
             ModelGate::Eds => thresholds.eds_normalised_max = threshold,
-            ModelGate::Known => thresholds.unknown_min = unknown_min(threshold),
+            ModelGate::Known => thresholds.unknown_min = complement(threshold),
             ModelGate::Softmax => thresholds.softmax_min = threshold,
         }
     }
 }
 
-/// Exact, both ways, for thresholds that are one minus a probability of a half or more.
-fn unknown_min(threshold: f32) -> f32 {
-    let least = 1.0 - threshold;
-    if threshold > 0.0 { least } else { 0.0 }
+/// One minus a value; 0, the closed set, stays 0. Exact, both ways, for thresholds that are one minus a probability of a half or more.
+fn complement(value: f32) -> f32 {
+    if value > 0.0 { 1.0 - value } else { 0.0 }
 }
 
 #[cfg(test)]

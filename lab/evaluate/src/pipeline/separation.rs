@@ -3,6 +3,7 @@
 use super::mahalanobis::{Embedded, mahalanobis};
 use super::{DetectedFrame, box_of};
 use crate::{ClassRule, Difficulty, ObjectKind};
+use crate::{matching::in_dont_care, operating::DONT_CARE_MAX};
 use mluc_geometry::{Box3, iou_3d};
 use mluc_head::Detection;
 use serde::{Deserialize, Serialize};
@@ -37,7 +38,7 @@ pub struct ScoreSeparation {
     pub known: usize,
     /// Boxes on unknown labels.
     pub unknown: usize,
-    /// Boxes that touch no label.
+    /// Boxes that touch no label and lie in no region without labels.
     pub background: usize,
 }
 
@@ -91,11 +92,11 @@ fn judged_boxes<'a>(
     frame: &'a DetectedFrame,
     rules: &'a [ClassRule],
 ) -> Vec<JudgedBox<'a>> {
-    let upright = |d: &Detection| -> Option<Box3> {
-        let (_, camera_box) = frame.truth.in_camera(&box_of(d))?;
-        Some(camera_box.upright())
+    let seen = |d: &Detection| -> Option<([f64; 4], Box3)> {
+        let (image_box_px, camera_box) = frame.truth.in_camera(&box_of(d))?;
+        Some((image_box_px, camera_box.upright()))
     };
-    let boxes: Vec<Option<Box3>> = frame.detections.iter().map(upright).collect();
+    let boxes: Vec<_> = frame.detections.iter().map(seen).collect();
     let mut taken = vec![false; boxes.len()];
     let mut found = Vec::new();
     let judged = |detection, rule| JudgedBox {
@@ -110,7 +111,7 @@ fn judged_boxes<'a>(
             continue;
         };
         let label = label.camera_box.upright();
-        let fits = |b: &Box3| iou_3d(b, &label) > rule.iou_min;
+        let fits = |(_, b): &([f64; 4], Box3)| iou_3d(b, &label) > rule.iou_min;
         let free = (0..boxes.len()).filter(|&i| !taken[i] && boxes[i].as_ref().is_some_and(fits));
         let objectness = |i: &usize| frame.detections[*i].objectness;
         // The first of equal ones.
@@ -120,11 +121,14 @@ fn judged_boxes<'a>(
             found.push(judged(&frame.detections[i], Some(rule)));
         }
     }
-    let labels = frame.truth.labels.iter();
-    let labels: Vec<Box3> = labels.map(|label| label.camera_box.upright()).collect();
-    let is_apart = |b: &Box3| labels.iter().all(|l| iou_3d(b, l) == 0.0);
-    for (upright, detection) in boxes.iter().zip(&frame.detections) {
-        if upright.as_ref().is_some_and(is_apart) {
+    let all = &frame.truth.labels;
+    let labels: Vec<Box3> = all.iter().map(|label| label.camera_box.upright()).collect();
+    let is_background = |(image_box_px, b): &([f64; 4], Box3)| {
+        let is_apart = labels.iter().all(|l| iou_3d(b, l) == 0.0);
+        is_apart && !in_dont_care(all, image_box_px, DONT_CARE_MAX)
+    };
+    for (seen, detection) in boxes.iter().zip(&frame.detections) {
+        if seen.as_ref().is_some_and(is_background) {
             found.push(judged(detection, None));
         }
     }

@@ -134,6 +134,7 @@ impl Adaptation<'_> {
         let mut settings = request.settings(&scans, &self.run_folder(), self.out);
         // Both are done here, once.
         (settings.steps, settings.validate_frames) = (self.plan.steps, 0);
+        settings.bf16 = self.plan.bf16;
         train(&settings).map(drop)
     }
 

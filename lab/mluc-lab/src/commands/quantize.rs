@@ -4,9 +4,8 @@ use super::terminal::{at_least_one, counted, print_err, write_out};
 use clap::Args;
 use mluc_dataset::Dataset;
 use mluc_evaluate::pipeline::{folder_tail, scan_points};
-use mluc_lab::exchange::empty_objectness_max;
 use mluc_model::{Manifest, Model, WeightSet, model_bytes};
-use mluc_train::{TrainError, quantize::measure_ranges};
+use mluc_train::{TrainError, export::empty_objectness_max, quantize::measure_ranges};
 use std::path::{Path, PathBuf};
 
 /// Frames that ranges are measured on.

@@ -1,9 +1,9 @@
 //! A checkpoint as a model file with a closed-set head.
 
 use anyhow::{Context, bail};
-use mluc_backbone::Backbone;
 use mluc_head::Head;
 use mluc_model::{AnchorClass, Grid, HeadKind, Manifest, Network, Tensor, WeightSet};
+use mluc_train::export::empty_objectness_max;
 
 use super::checkpoint::{self, Checkpoint};
 use super::names::{tensor_names, unchanged_names};
@@ -55,12 +55,6 @@ pub fn import(bytes: &[u8], second: Manifest) -> anyhow::Result<Imported> {
     };
     let manifest = serde_json::from_str(json).context("the manifest in the file's metadata")?;
     fill(manifest, checkpoint)
-}
-
-/// The largest objectness that a network gives to a scan without points.
-pub fn empty_objectness_max(manifest: &Manifest, weights: &WeightSet) -> anyhow::Result<f32> {
-    let rows = Backbone::new(manifest, weights)?.empty_rows()?;
-    Ok(Head::new(manifest, weights)?.objectness_max(&rows))
 }
 
 fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> anyhow::Result<Imported> {

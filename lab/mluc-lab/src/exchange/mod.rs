@@ -8,7 +8,7 @@ mod checkpoint;
 mod import;
 mod names;
 
-pub use import::{Imported, SparseLayout, anchor, empty_objectness_max, import, second};
+pub use import::{Imported, SparseLayout, anchor, import, second};
 pub use names::{openpcdet_name, tensor_names};
 
 use std::collections::HashMap;

@@ -61,13 +61,10 @@ fn bollards(mesh: &mut Mesh, dice: &mut Dice) {
 
 fn hydrant(mesh: &mut Mesh, dice: &mut Dice) {
     let height = dice.range(0.6, 0.95);
-    let levels = [
-        (0.0, 0.16),
-        (0.1, 0.11),
-        (0.8 * height, 0.11),
-        (height, 0.04),
-    ];
-    mesh.stack(levels.map(|(z, r)| [z, 0.0, r, r]), solid(0.4));
+    let heights = [0.0, 0.1, 0.8 * height, height];
+    let radii = [0.16, 0.11, 0.11, 0.04];
+    let levels = [0, 1, 2, 3].map(|i| [heights[i], 0.0, radii[i], radii[i]]);
+    mesh.stack(levels, solid(0.4));
     mesh.block(up(height * 0.6), v(0.12, 0.4, 0.12), solid(0.4));
 }
 

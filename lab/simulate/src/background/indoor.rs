@@ -57,7 +57,10 @@ fn shell(yard: &mut Yard, room: &Room, is_hall: bool, dice: &mut Dice) {
         let is_open = !is_hall && dice.chance(0.6);
         let mut mesh = Mesh::default();
         wall(&mut mesh, [length, room.height_m], is_open, paint, dice);
-        yard.set(Thing::Building, &mesh, along, across, yaw);
+        // Walls are placed whatever is there.
+        let (at, yaw, footprint) = yard.pose(&mesh, along, across, yaw);
+        yard.layout.taken.push(footprint);
+        yard.show(Thing::Building, &mesh, at, yaw, true);
     }
     let mut ceiling = Mesh::default();
     let bays = ((high - low) / dice.range(4.0, 8.0)).ceil();
@@ -74,7 +77,9 @@ fn shell(yard: &mut Yard, room: &Room, is_hall: bool, dice: &mut Dice) {
         let ends = [low + 0.5, high - 0.5].map(|x| v(x, y, room.height_m - below));
         ceiling.rod(ends, dice.range(0.05, 0.12), 6, METAL);
     }
-    yard.over(Thing::Ceiling, &ceiling);
+    // It hangs over the floor and takes no ground.
+    let (x, y) = yard.ground.sensor(0.0, 0.0);
+    yard.show(Thing::Ceiling, &ceiling, [x, y], yard.ground.yaw_rad, true);
 }
 
 /// A wall whose inner face is y = 0, seen from -y: pillars, doors set back, windows high up; or a parapet that is open above.

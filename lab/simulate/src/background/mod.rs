@@ -87,6 +87,7 @@ pub(crate) fn fill(layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) 
         indoor::place(&mut yard, room, dice);
         if ground.place == Place::CarPark {
             // Seen over the parapets.
+            yard.shows = realism.has(Step::Frontage);
             frontage::place(&mut yard, dice);
         }
         return;
@@ -98,7 +99,7 @@ pub(crate) fn fill(layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) 
     };
     place(Some(Step::Confusers), confusers::place);
     match ground.place {
-        Place::CarPark if ground.room.is_none() => place(None, outdoor::car_park),
+        Place::CarPark => place(None, outdoor::car_park),
         Place::Depot => place(None, outdoor::depot),
         Place::Path => return place(None, outdoor::path),
         _ if family == Family::SimAny => place(Some(Step::Street), variety::place),
@@ -150,7 +151,8 @@ impl<'a, 'b> Yard<'a, 'b> {
     /// Places a thing at road coordinates, turned by `yaw` against the road, if there is room; true when placed.
     fn put(&mut self, thing: Thing, mesh: &Mesh, along: f32, across: f32, yaw: f32) -> bool {
         let (at, yaw, footprint) = self.pose(mesh, along, across, yaw);
-        let is_free = !footprint.overlaps_any(&self.layout.taken, 0.1);
+        let mut taken = self.layout.taken.iter();
+        let is_free = !taken.any(|other| footprint.overlaps(other, 0.1));
         if is_free {
             self.layout.taken.push(footprint);
             self.add(thing, mesh, at, yaw);
@@ -163,19 +165,6 @@ impl<'a, 'b> Yard<'a, 'b> {
         let ((low, high), (x, y)) = (mesh.bounds(), self.ground.sensor(along, across));
         let yaw = self.ground.yaw_rad + yaw;
         ([x, y], yaw, Footprint::of(low, high, [x, y], yaw))
-    }
-
-    /// A wall of the room that the objects stand in: placed whatever is there.
-    fn set(&mut self, thing: Thing, mesh: &Mesh, along: f32, across: f32, yaw: f32) {
-        let (at, yaw, footprint) = self.pose(mesh, along, across, yaw);
-        self.layout.taken.push(footprint);
-        self.show(thing, mesh, at, yaw, true);
-    }
-
-    /// What hangs over the floor, in road coordinates: it takes no ground.
-    fn over(&mut self, thing: Thing, mesh: &Mesh) {
-        let (x, y) = self.ground.sensor(0.0, 0.0);
-        self.show(thing, mesh, [x, y], self.ground.yaw_rad, true);
     }
 
     /// Adds a thing without looking for room: `at` is in the sensor frame.
@@ -210,11 +199,6 @@ impl<'a, 'b> Yard<'a, 'b> {
         dice.range(low, high)
     }
 
-    /// A place across the road between kerb and frontage.
-    fn on_pavement(&self, dice: &mut Dice) -> f32 {
-        dice.sign() * dice.range(self.ground.half_width_m + 0.25, self.ground.edge_m)
-    }
-
     /// A place across the road behind the pavement, up to `depth_m` deep; on a plaza anywhere.
     fn behind(&self, depth_m: f32, dice: &mut Dice) -> f32 {
         if self.ground.place == Place::Plaza && dice.chance(0.6) {
@@ -226,7 +210,7 @@ impl<'a, 'b> Yard<'a, 'b> {
     /// A place on the pavement with this chance, or behind it.
     fn beside(&self, on_pavement: f32, depth_m: f32, dice: &mut Dice) -> f32 {
         if dice.chance(on_pavement) {
-            return self.on_pavement(dice);
+            return dice.sign() * dice.range(self.ground.half_width_m + 0.25, self.ground.edge_m);
         }
         self.behind(depth_m, dice)
     }

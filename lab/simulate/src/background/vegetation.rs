@@ -6,7 +6,7 @@ use super::{Family, Place, Thing, Yard, built};
 
 const BARK: Surface = solid(0.25);
 
-/// Bushes 6, rows of bushes 1 and trees 4 per 100 m, times a factor for the place (4.5 in gardens). A few large trees far behind close the view.
+/// Bushes 6, rows of bushes 1 and trees 4 per 100 m, times a factor for the place (4.5 in gardens), at most 60 of each. A few large trees far behind close the view.
 pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     let factor = match yard.ground.place {
         Place::Suburb => 4.5,

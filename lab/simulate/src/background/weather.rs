@@ -14,13 +14,12 @@ pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     if lot >= CHANCES[0] + CHANCES[1] || yard.ground.room.is_some() {
         return;
     }
-    let (thing, chance, reach_m, radii_m) = match is_wet {
-        true => (Thing::Spray, 0.7, 6.0, [0.25, 0.8]),
-        false => (Thing::Exhaust, 0.4, 2.5, [0.1, 0.45]),
-    };
-    if is_wet {
+    let (thing, chance, reach_m, radii_m) = if is_wet {
         yard.scene.rain = dice.range(0.1, 1.0);
-    }
+        (Thing::Spray, 0.7, 6.0, [0.25, 0.8])
+    } else {
+        (Thing::Exhaust, 0.4, 2.5, [0.1, 0.45])
+    };
     let vehicles = yard.layout.placed.iter().filter(|o| o.class.is_vehicle());
     let places: Vec<_> = vehicles.map(|o| o.footprint).collect();
     for at in places {

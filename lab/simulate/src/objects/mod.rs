@@ -108,8 +108,7 @@ pub(crate) fn mean_size_m(class: Class, family: Family) -> V3 {
         (Class::GolfCart, _) => v(2.8, 1.25, 1.88),
         (Class::Forklift, _) => v(3.4, 1.25, 2.2),
         (Class::Unseen(class), _) => class.mean_size_m(),
-        // Has no mean of its own: asked for by nobody.
-        (Class::SyntheticUnknown, _) => v(3.0, 1.4, 1.8),
+        (Class::SyntheticUnknown, _) => unreachable!("has no mean of its own"),
     }
 }
 
@@ -123,10 +122,8 @@ fn exact(class: Class, dice: &mut Dice, family: Family) -> Model {
         Class::Cyclist => cyclist::cyclist(dice),
         Class::GolfCart => golf_cart::golf_cart(dice),
         Class::Forklift => forklift::forklift(dice),
-        Class::Unseen(class) => unseen::unseen(class, dice),
-        Class::SyntheticUnknown => {
-            synthetic_unknown::synthetic_unknown(family, Realism::without(&Step::ALL), dice)
-        }
+        Class::Unseen(class) => Model::new(class.row().built(dice)),
+        Class::SyntheticUnknown => unreachable!("made of known classes"),
     }
 }
 

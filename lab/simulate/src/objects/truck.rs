@@ -161,9 +161,8 @@ fn tipper(mesh: &mut Mesh, low: V3, high: V3, colour: Surface) {
 
 fn axles(mesh: &mut Mesh, front: f32, size: V3, dice: &mut Dice) {
     let radius = dice.range(0.44, 0.54);
-    let mut positions = vec![front - dice.range(0.9, 1.4)];
-    let rear = -front + dice.range(1.2, 2.2);
-    positions.push(rear);
+    let [fore, rear] = [front - dice.range(0.9, 1.4), -front + dice.range(1.2, 2.2)];
+    let mut positions = vec![fore, rear];
     if size.x > 8.0 {
         positions.push(rear + 1.3);
     }

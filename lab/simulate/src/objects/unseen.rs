@@ -5,8 +5,8 @@ use super::super::mesh::{
 };
 use super::super::random::Dice;
 use super::super::{Split, Unseen};
+use super::cyclist;
 use super::vehicle::{axle, occupant, paint};
-use super::{Model, cyclist};
 use serde::Deserialize;
 use std::sync::LazyLock;
 
@@ -118,14 +118,9 @@ impl Unseen {
         V3::from(self.row().size_m.map(|[low, high]| (low + high) / 2.0))
     }
 
-    fn row(self) -> &'static Row {
+    pub(super) fn row(self) -> &'static Row {
         &TABLE.class[usize::from(self.0)]
     }
-}
-
-/// Builds an object of the class.
-pub(super) fn unseen(class: Unseen, dice: &mut Dice) -> Model {
-    Model::new(class.row().built(dice))
 }
 
 impl Row {

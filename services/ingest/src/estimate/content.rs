@@ -7,9 +7,8 @@ use super::{SensorEstimate, Unit};
 /// Ranges by their exponent and three more bits: eight bins an octave.
 const RANGE_SHIFT: u32 = 20;
 const RANGE_BINS: usize = 1 << (31 - RANGE_SHIFT);
-/// Half of the returns of a sensor lie nearer than some tens of m: above this many, in cm; above that, in mm.
-const CENTIMETRES_FROM: f32 = 200.0;
-const MILLIMETRES_FROM: f32 = 2_000.0;
+/// Half of the returns of a sensor lie nearer than some tens of m: above the first number they are in cm, above the second in mm.
+const UNITS_FROM: [f32; 2] = [200.0, 2_000.0];
 /// Of the points, with intensities above 1: fewer are wrong returns; a guess.
 const LOUD_SHARE: f32 = 0.001;
 /// Of the points whose hash ends in so many zero bits, both copies are looked at.
@@ -72,11 +71,9 @@ impl Content {
                 self.intensity_max = self.intensity_max.max(point.intensity);
             }
         }
-        self.unit = match self.range(0.5) {
-            m if m > MILLIMETRES_FROM => Unit::Millimetre,
-            m if m > CENTIMETRES_FROM => Unit::Centimetre,
-            _ => Unit::Metre,
-        };
+        let half = self.range(0.5);
+        let is_beyond = |least: &&f32| half > **least;
+        self.unit = Unit(UNITS_FROM.iter().filter(is_beyond).count());
     }
 
     /// Whether a hash is there already; it is there afterwards, as long as there is room.

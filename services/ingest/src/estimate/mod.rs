@@ -14,7 +14,7 @@ mod view;
 use mluc_geometry::quantile;
 use mluc_ipc_types::Point;
 use mluc_model::BlindSector;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use content::Content;
 use directions::{Directions, NEAR_M, SECTOR_DEG};
@@ -46,64 +46,35 @@ const OTHER_AXIS_GAIN: f32 = 1.5;
 /// Sensors hang no lower and no higher, m; for axes alone.
 const HEIGHT_M: std::ops::Range<f32> = 0.15..5.0;
 
-/// The unit of the coordinates as they came.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Unit {
-    /// m.
-    #[default]
-    Metre,
-    /// cm.
-    Centimetre,
-    /// mm.
-    Millimetre,
-}
+/// The unit of the coordinates as they came: m, cm or mm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Unit(usize);
 
 impl Unit {
     /// In m.
     pub fn in_m(self) -> f32 {
-        [1.0, 0.01, 0.001][self as usize]
+        [1.0, 0.01, 0.001][self.0]
     }
 
     /// `m`, `cm`, `mm`.
     pub fn name(self) -> &'static str {
-        ["m", "cm", "mm"][self as usize]
+        ["m", "cm", "mm"][self.0]
     }
 }
 
-/// Which axis points up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Up {
-    /// As it should be.
-    #[default]
-    #[serde(rename = "z")]
-    Z,
-    /// Turned over.
-    #[serde(rename = "-z")]
-    MinusZ,
-    /// x is up.
-    #[serde(rename = "x")]
-    X,
-    /// x is down.
-    #[serde(rename = "-x")]
-    MinusX,
-    /// y is up.
-    #[serde(rename = "y")]
-    Y,
-    /// y is down.
-    #[serde(rename = "-y")]
-    MinusY,
-}
+/// Which axis points up: z (as it should be), x or y, each followed by its opposite.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Up(usize);
 
 impl Up {
     /// `z`, `-z` and so on.
     pub fn name(self) -> &'static str {
-        ["z", "-z", "x", "-x", "y", "-y"][self as usize]
+        ["z", "-z", "x", "-x", "y", "-y"][self.0]
     }
 }
 
 /// What some scans say of their sensor. Lengths are in m, whatever unit the scans came in.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SensorEstimate {
     /// Scans that were looked at.
     pub scans: u32,
@@ -147,8 +118,6 @@ pub struct SensorEstimate {
     pub pitch_deg: f32,
     /// Positive sinks to the right, degrees.
     pub roll_deg: f32,
-    /// Share of the tiles around the sensor that lie on one plane.
-    pub ground_share: f32,
     /// Degrees of the directions in which something near stays over all scans: the robot itself.
     pub own_body_deg: f32,
 }
@@ -179,8 +148,8 @@ pub struct Estimator {
     directions: Directions,
     steps: StepVotes,
     finder: LevelFinder,
-    /// Of each scan that has a ground: height (m), pitch, roll (degrees), share of tiles.
-    grounds: [Vec<f64>; 4],
+    /// Of each scan that has a ground: height (m), pitch, roll (degrees).
+    grounds: [Vec<f64>; 3],
     /// Of each scan: peaks of its elevations.
     peaks: Vec<f64>,
     /// Of the scan at hand.
@@ -239,7 +208,7 @@ impl Estimator {
         let scale = self.content.unit.in_m();
         let at = |p: &Point| [p.x_m * scale, p.y_m * scale, p.z_m * scale];
         let ground = self.look_for_ground(points.iter().map(at));
-        let level = ground.filter(|_| self.estimate.up == Up::Z);
+        let level = ground.filter(|_| self.estimate.up == Up::default());
         self.scan_elevations.clear();
         for (number, point) in points.iter().enumerate() {
             let [x, y, z] = at(point);
@@ -270,12 +239,12 @@ impl Estimator {
     fn look_for_ground(&mut self, points: impl Iterator<Item = [f32; 3]> + Clone) -> Option<Level> {
         let along_z = self.finder.below(points.clone());
         let share = along_z.map_or(0.0, |level| level.share);
-        let mut best = (Up::Z, along_z);
+        let mut best = (Up::default(), along_z);
         if share < LEVEL_SHARE_POOR {
             let others: [(Up, Turn); 3] = [
-                (Up::MinusZ, |[x, y, z]| [x, -y, -z]),
-                (Up::X, |[x, y, z]| [y, z, x]),
-                (Up::Y, |[x, y, z]| [z, x, y]),
+                (Up(1), |[x, y, z]| [x, -y, -z]),
+                (Up(2), |[x, y, z]| [y, z, x]),
+                (Up(4), |[x, y, z]| [z, x, y]),
             ];
             let mut least = (OTHER_AXIS_GAIN * share).max(OTHER_AXIS_SHARE_MIN);
             for (up, turned) in others {
@@ -290,13 +259,8 @@ impl Estimator {
         let (up, level) = best;
         let level = level.filter(|level| level.share >= GROUND_SHARE_MIN);
         let is_above = level.is_some_and(|level| level.z_m() > HEIGHT_M.start);
-        self.estimate.up = match (up, is_above) {
-            (Up::Z, true) => Up::MinusZ,
-            (Up::MinusZ, true) => Up::Z,
-            (Up::X, true) => Up::MinusX,
-            (Up::Y, true) => Up::MinusY,
-            (up, _) => up,
-        };
+        // A ground above the sensor: the opposite axis points up.
+        self.estimate.up = Up(up.0 ^ usize::from(is_above));
         level
     }
 
@@ -326,8 +290,7 @@ impl Estimator {
         let estimate = &mut self.estimate;
         let [height_m, others @ ..] = self.grounds.each_mut().map(|values| median(values));
         estimate.height_m = height_m;
-        [estimate.pitch_deg, estimate.roll_deg, estimate.ground_share] =
-            others.map(Option::unwrap_or_default);
+        [estimate.pitch_deg, estimate.roll_deg] = others.map(Option::unwrap_or_default);
         self.content.tell(estimate);
         estimate.azimuth_step_deg = self.steps.step_deg();
         let [top, bottom] = [0.999, 0.001].map(|share| self.elevations.quantile_deg(share));
@@ -361,12 +324,12 @@ impl Estimator {
     }
 }
 
-/// Height (m), pitch, roll (degrees) and share of tiles.
-fn mounting(level: &Level) -> [f32; 4] {
+/// Height (m), pitch and roll (degrees).
+fn mounting(level: &Level) -> [f32; 3] {
     let [x, y] = level.plane.slope.map(|slope| slope as f32);
     let height_m = level.z_m().abs() / (1.0 + x * x + y * y).sqrt();
     let [pitch_deg, roll_deg] = [x, -y].map(|slope| slope.atan().to_degrees());
-    [height_m, pitch_deg, roll_deg, level.share]
+    [height_m, pitch_deg, roll_deg]
 }
 
 /// The median of values, which it sorts.

@@ -23,9 +23,6 @@ const SHRINK_FACTOR: f64 = 0.6;
 /// and their number.
 const SHRINK_ATTEMPTS: u32 = 2;
 
-/// Clusters of one frame at most, far above those of any scan; those with the fewest points are dropped first.
-const CLUSTERS_MAX: usize = 4096;
-
 /// Some cells that belong together.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Piece {
@@ -73,7 +70,6 @@ impl Divider {
     pub(super) fn new(settings: &Settings) -> Divider {
         Divider {
             settings: settings.clone(),
-            done: Vec::with_capacity(CLUSTERS_MAX),
             ..Divider::default()
         }
     }
@@ -112,22 +108,21 @@ impl Divider {
         (full_m * scale) as f32
     }
 
-    /// Sorts the pieces; those with too few points and those beyond the limit are dropped.
+    /// Sorts the pieces; those with too few points are dropped.
     fn rank(&mut self, cells: &mut Cells) {
         for piece in &mut self.done {
             let own = &self.order[piece.range()];
             piece.points = cells.count(own) as u32;
             piece.extent_m = cells.extent_m(own);
         }
+        // What upright parts leave, and the slices of a cut, are counted here first.
+        let points_min = self.settings.points_min;
+        self.done.retain(|piece| piece.points >= points_min);
         self.done.sort_unstable_by(|a, b| {
             let places = a.extent_m.partial_cmp(&b.extent_m);
             let by_place = places.unwrap_or(std::cmp::Ordering::Equal);
             b.points.cmp(&a.points).then(by_place)
         });
-        // What upright parts leave, and the slices of a cut, are counted here first.
-        let points_min = self.settings.points_min;
-        let enough = (self.done).partition_point(|piece| piece.points >= points_min);
-        self.done.truncate(enough.min(CLUSTERS_MAX));
     }
 
     /// One piece: done, dropped, or divided further.

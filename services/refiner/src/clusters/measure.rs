@@ -17,6 +17,8 @@ pub struct Measures {
     pub points: u32,
     /// From the sensor's axis to the mean of its points, m.
     pub range_m: f32,
+    /// Between two beams at its range, m: its top may lie this much higher.
+    pub beam_gap_m: f32,
     /// Length, width (of the tight rectangle) and height of what was seen, m.
     pub seen_m: [f32; 3],
     /// Of its lowest point above the ground, m.
@@ -82,7 +84,7 @@ impl Measurer {
         if self.is_given {
             return;
         }
-        let (mut count, mut directions) = (0u32, 0u32);
+        let (mut count, mut seen) = (0u32, 0u32);
         for point in points.iter().step_by(SAMPLE) {
             let [x, y, z] = point.at_m;
             let distance = (x * x + y * y).sqrt();
@@ -91,19 +93,16 @@ impl Measurer {
                 let octant =
                     u32::from(x > 0.0) + 2 * u32::from(y > 0.0) + 4 * u32::from(x.abs() > y.abs());
                 let ratio = ((short / long * RATIOS as f32) as u32).min(RATIOS - 1);
-                directions |= 1 << (octant * RATIOS + ratio);
+                seen |= 1 << (octant * RATIOS + ratio);
                 count += 1;
             }
         }
-        let [column_rad, beam_rad] = STEPS_DEFAULT_RAD;
-        let seen_rad = std::f32::consts::TAU * directions.count_ones() as f32 / u32::BITS as f32;
-        let returns = (count * SAMPLE as u32) as f32;
-        let found_rad = (BAND[1] - BAND[0]) * seen_rad / (returns * column_rad);
-        self.steps_rad[1] = if count < SAMPLED_MIN {
-            beam_rad
-        } else {
-            found_rad
-        };
+        self.steps_rad = STEPS_DEFAULT_RAD;
+        if count >= SAMPLED_MIN {
+            let seen_rad = std::f32::consts::TAU * seen.count_ones() as f32 / u32::BITS as f32;
+            let returns = (count * SAMPLE as u32) as f32;
+            self.steps_rad[1] = (BAND[1] - BAND[0]) * seen_rad / (returns * self.steps_rad[0]);
+        }
     }
 
     /// Measures a cluster; what it was divided from is for the caller.
@@ -124,6 +123,7 @@ impl Measurer {
         Measures {
             points: points.len() as u32,
             range_m: range_m as f32,
+            beam_gap_m: range_m as f32 * self.steps_rad[1],
             seen_m: [u.max(v), u.min(v), high - low],
             bottom_m: low - floor,
             top_m: high - floor,
@@ -141,10 +141,9 @@ impl Measurer {
         let range = origin_m[0].hypot(origin_m[1]).max(1.0);
         let across = [(-origin_m[1] / range) as f32, (origin_m[0] / range) as f32];
         let [low, high] = points.span_m(across);
-        let range = range as f32;
-        let [azimuth_step_rad, elevation_step_rad] = self.steps_rad;
-        let columns = (high - low) / (range * azimuth_step_rad) + 1.0;
-        let rows = height_m / (range * elevation_step_rad) + 1.0;
+        let [column_m, beam_m] = self.steps_rad.map(|step| range as f32 * step);
+        let columns = (high - low) / column_m + 1.0;
+        let rows = height_m / beam_m + 1.0;
         (points.len() as f32 / (columns * rows)).min(DENSITY_MAX)
     }
 }
@@ -251,6 +250,7 @@ mod tests {
         let wall = measured(&grid(1, 30, 11));
         assert!((wall.bottom_m - 0.2).abs() < 1e-5 && (wall.top_m - 1.2).abs() < 1e-5);
         assert!((wall.seen_m[0] - 2.9).abs() < 1e-5 && (wall.seen_m[2] - 1.0).abs() < 1e-5);
+        assert_eq!(wall.beam_gap_m, 20.0 * STEPS_DEFAULT_RAD[1]);
     }
 
     #[test]

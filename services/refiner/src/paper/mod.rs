@@ -60,7 +60,8 @@ impl PaperClusterer {
             grower,
             fitter: Fitter::new(settings, sensor),
             ground: GroundGrid::new(sensor.height_m),
-            radius_m: settings.radius_m(sensor),
+            // The paper's cylinder around the seed: 4 m in its industrial park, seen all around, 5 m on KITTI, seen ahead.
+            radius_m: if sensor.sees_all_around { 4.0 } else { 5.0 },
             height_min_m,
             points_min,
             around: Neighbourhood::default(),

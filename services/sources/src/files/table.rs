@@ -9,6 +9,8 @@ pub(super) enum Kind {
     Integer { bytes: usize, is_signed: bool },
     /// f32 or f64.
     Float { bytes: usize },
+    /// A whole number that was text: f64.
+    Whole,
 }
 
 impl Kind {
@@ -26,6 +28,7 @@ impl Kind {
     pub(super) fn bytes(self) -> usize {
         match self {
             Kind::Integer { bytes, .. } | Kind::Float { bytes } => bytes,
+            Kind::Whole => 8,
         }
     }
 
@@ -40,7 +43,7 @@ impl Kind {
         let bits = u64::from_le_bytes(raw);
         match self {
             Kind::Float { bytes: 4 } => f64::from(f32::from_bits(bits as u32)),
-            Kind::Float { .. } => f64::from_bits(bits),
+            Kind::Float { .. } | Kind::Whole => f64::from_bits(bits),
             Kind::Integer { bytes, is_signed } if is_signed => {
                 let unused = 64 - 8 * bytes as u32;
                 ((bits << unused) as i64 >> unused) as f64
@@ -119,7 +122,11 @@ impl Table {
             }
             data.extend(values.iter().flat_map(|value| value.to_le_bytes()));
         }
-        let as_f64 = |(name, _, count): &Field| (name.clone(), Kind::F64, *count);
+        let as_f64 = |(name, kind, count): &Field| {
+            let is_float = matches!(kind, Kind::Float { .. });
+            let kind = if is_float { Kind::F64 } else { Kind::Whole };
+            (name.clone(), kind, *count)
+        };
         let fields: Vec<Field> = fields.iter().map(as_f64).collect();
         Ok(Table::of_rows(data, &fields, rows))
     }

@@ -1,4 +1,4 @@
-use super::Format::{Bin, Npy, NuScenes, Pcd, Ply};
+use super::Format::{Bin, Las, Npy, NuScenes, Pcd, Ply};
 use super::*;
 
 const POINTS: [[f32; 4]; 3] = [
@@ -206,6 +206,7 @@ fn files_that_do_not_fit_are_named() {
         (Pcd, b"hello".to_vec()),
         changed(" x ", " a "),
         changed("SIZE 4 2", "SIZE 4 3"),
+        changed("TYPE F", "TYPE f"),
         changed("POINTS 3\n", ""),
         (Pcd, pcd("zip", b"")),
         (Pcd, pcd("ascii", b"1 2\n")),
@@ -220,4 +221,60 @@ fn files_that_do_not_fit_are_named() {
         let error = error.unwrap_err().to_string();
         assert!(error.contains(words), "{words}: {error}");
     }
+}
+
+#[test]
+fn whole_numbers_of_text_are_nanoseconds() {
+    let mut layout = quarter();
+    layout.deskew = true;
+    let file = String::from_utf8(pcd("ascii", text().as_bytes())).unwrap();
+    let (file, mut scan) = (file.replace(" ring ", " t "), Scan::default());
+    Pcd.convert(&layout, file.into_bytes(), &mut scan).unwrap();
+    assert_eq!(scan.times_ns, [7.0; 3]);
+}
+
+/// A file that laspy wrote (`tests/las/make.py`), of a sensor at `x_m`: its numbers, and whether it is cut.
+fn las(file: &[u8], x_m: f64) -> Result<(Vec<f32>, bool), String> {
+    let layout = Layout {
+        origin: [x_m, 5_400_000.0, 100.0],
+        ..Layout::default()
+    };
+    let found = converted(Las, &layout, file.to_vec());
+    let (bytes, is_cut) = found.map_err(|error| error.to_string())?;
+    let numbers = bytes.as_chunks::<4>().0.iter();
+    Ok((numbers.map(|v| f32::from_le_bytes(*v)).collect(), is_cut))
+}
+
+#[test]
+fn surveys_are_read_and_damage_gives_what_is_whole() {
+    let [first, sixth, seventh, packed]: [&[u8]; 4] = [
+        include_bytes!("../../tests/las/1.las"),
+        include_bytes!("../../tests/las/6.las"),
+        include_bytes!("../../tests/las/7.las"),
+        include_bytes!("../../tests/las/3.laz"),
+    ];
+    let far = "(--origin X,Y,Z says where the sensor is in them), found none, the first one at 500001.0,5400002.0,103.0";
+    let help = "`pdal translate IN.laz OUT.las`";
+    for (file, x_m, words) in [(first, 0.0, far), (packed, 500_000.0, help)] {
+        let error = las(file, x_m).unwrap_err();
+        assert!(error.contains(words), "{error}");
+    }
+    for whole in [first, sixth, seventh] {
+        let (found, is_cut) = las(whole, 500_000.0).unwrap();
+        let off = found.iter().zip(POINTS.as_flattened());
+        let off = off.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(found.len() == 12 && off < 1e-3 && !is_cut, "{found:?}");
+        // Cut anywhere, or with a byte changed anywhere: an error or points, and no panic.
+        for at in 0..whole.len() {
+            let cut = las(&whole[..at], 500_000.0);
+            assert!(cut.map_or(0, |(found, _)| found.len()) <= 12, "{at}");
+            for bits in [0xff, 0x80, 0x01] {
+                let mut changed = whole.to_vec();
+                changed[at] ^= bits;
+                let _ = las(&changed, 500_000.0);
+            }
+        }
+    }
+    let (found, is_cut) = las(&first[..first.len() - 5], 500_000.0).unwrap();
+    assert_eq!((found.len(), is_cut), (8, true));
 }

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use mluc_model::SensorProfile;
 use serde::Deserialize;
 
-use super::{Calibration, Damaged, Echo, Revolution, sweep::Sweep, u16_at, u32_at};
+use super::{Calibration, Damaged, Revolution, sweep::Sweep, u16_at, u32_at};
 use crate::SourceError;
 
 /// A product's packet: a header, blocks of an azimuth and a shot a channel, a tail. Bytes.
@@ -117,8 +117,7 @@ impl Hesai {
         let layout = self.layout;
         let [tail_bytes, stamp_at, mode_at, date_at] = layout.tail;
         let (body, tail) = payload.split_at(layout.tail_at());
-        let echoes = echoes(tail[mode_at], layout.channels).ok_or(Damaged)?;
-        let returns = echoes.len();
+        let returns = returns(tail[mode_at]).ok_or(Damaged)?;
         let unit_mm = layout.unit_at.map_or(4, |at| body[at]);
         let azimuth_of = |block: usize| u16_at(body, layout.block_at(block) + layout.mark);
         if unit_mm == 0 || (0..layout.blocks).any(|block| azimuth_of(block) >= 36_000) {
@@ -142,18 +141,16 @@ impl Hesai {
             let shots = &body[layout.block_at(block) + layout.mark + 2..];
             for (ring, channel) in self.channels.iter().enumerate() {
                 let shot = |slot: usize| &shots[slot * layout.block_bytes() + ring * layout.shot..];
-                let first = (shot(0), echoes[0]);
-                let pair = [first, echoes.get(1).map_or(first, |echo| (shot(1), *echo))];
+                let pair = [0, returns - 1].map(shot);
                 let direction = (f32::from(azimuth_of(block)) / 100.0).to_radians() + channel[0];
                 let (sin, cos) = direction.sin_cos();
                 let shot_ns = at_ns(i64::from(layout.channel_ns[ring]));
-                let distances = pair.map(|(bytes, _)| u32::from(u16_at(bytes, 0)));
-                let echoes = pair.map(|(_, echo)| echo);
-                sweep.shot(distances, echoes, |slot, echo, sweep| {
+                let distances = pair.map(|bytes| u32::from(u16_at(bytes, 0)));
+                sweep.shot(distances, |slot, sweep| {
                     let distance_m = (distances[slot] * u32::from(unit_mm)) as f32 * 0.001;
                     let [level_m, z_m] = [channel[2], channel[1]].map(|share| share * distance_m);
                     let xyz_m = [level_m * cos, -level_m * sin, z_m];
-                    sweep.point(xyz_m, pair[slot].0[2], shot_ns, ring as u16, echo);
+                    sweep.point(xyz_m, pair[slot][2], shot_ns);
                 });
             }
         }
@@ -161,20 +158,13 @@ impl Hesai {
     }
 }
 
-/// What the blocks of one azimuth are, by the return mode.
-fn echoes(mode: u8, channels: usize) -> Option<&'static [Echo]> {
-    use Echo::{First, Last, SecondStrongest, Strongest};
-    Some(match mode {
-        0x33 => &[First],
-        0x34 => &[SecondStrongest],
-        0x37 => &[Strongest],
-        0x38 => &[Last],
-        0x39 => &[Last, Strongest],
-        0x3B if channels == 32 => &[Last, First],
-        0x3B => &[First, Last],
-        0x3C => &[First, Strongest],
-        _ => return None,
-    })
+/// Blocks of one azimuth, by the return mode.
+fn returns(mode: u8) -> Option<usize> {
+    match mode {
+        0x33 | 0x34 | 0x37 | 0x38 => Some(1),
+        0x39 | 0x3B | 0x3C => Some(2),
+        _ => None,
+    }
 }
 
 /// Since 1970, of year (since 1900, or since 2000 below 100), month, day, hour, minute, second. Without GPS or PTP a sensor counts from where it likes: what

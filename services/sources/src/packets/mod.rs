@@ -8,7 +8,7 @@
 //! | Ouster, profiles `LEGACY`, `RNG15_RFL8_NIR8`, `RNG19_RFL8_SIG16_NIR16` and `..._DUAL` | metadata JSON | firmware user manual: lidar data packet format, coordinate frames |
 //!
 //! What the packets and the calibration say chooses the decoder. **Frame**: x ahead, y left, z up, m. Ahead is azimuth 0 of Velodyne and Hesai (whose manuals
-//! call it y), x of Ouster's sensor frame. **Intensity**: the sensor's 8-bit reflectivity over 255, 0 to 1. **Rings** count from the top.
+//! call it y), x of Ouster's sensor frame. **Intensity**: the sensor's 8-bit reflectivity over 255, 0 to 1.
 //!
 //! A shot without return is no point. A revolution ends where the azimuth passes 0 or goes back, or with Ouster's frame. Nothing is dropped in silence: see [`Counts`].
 //!
@@ -62,54 +62,19 @@ pub struct Datagram<'a> {
     pub payload: &'a [u8],
 }
 
-/// Which echo of a shot a point is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Echo {
-    /// The strongest one, or the only one that the sensor looks for.
-    Strongest,
-    /// The second strongest.
-    SecondStrongest,
-    /// The nearest.
-    First,
-    /// The farthest.
-    Last,
-    /// Both echoes that the sensor reports are this one.
-    Both,
-}
-
-/// The clock of a revolution's stamp.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Clock {
-    /// The sensor counts microseconds of an hour (UTC's where it has GPS), the receiver's clock says which hour. Velodyne.
-    HourOfSensor,
-    /// The sensor's UTC. Hesai, and Ouster with sync pulses.
-    Utc,
-    /// PTP's time, TAI unless the grandmaster says otherwise. Ouster.
-    Ptp,
-    /// Since the sensor was switched on. Ouster.
-    #[default]
-    SensorUptime,
-}
-
-/// One turn of the sensor. The lists of points, times, rings and echoes have the same length and order: that of the shots.
+/// One turn of the sensor. The lists of points and times have the same length and order: that of the shots.
 #[derive(Clone, Debug, Default)]
 pub struct Revolution {
-    /// Of the first shot, by `clock`, ns.
+    /// Of the first shot, by the sensor's clock, ns.
     pub stamp_ns: u64,
-    /// What `stamp_ns` counts.
-    pub clock: Clock,
+    /// It counts UTC since 1970 (of a Velodyne the receiver's clock says which hour); else PTP's time, or since an Ouster was switched on.
+    pub is_utc: bool,
     /// When its first datagram came, UTC, ns since 1970.
     pub received_ns: u64,
     /// At most [`POINTS_MAX`](mluc_ipc_types::POINTS_MAX).
     pub points: Vec<Point>,
     /// Of each point since `stamp_ns`, ns.
     pub offsets_ns: Vec<u32>,
-    /// Of each point, from the top, 0 first.
-    pub rings: Vec<u16>,
-    /// Of each point.
-    pub echoes: Vec<Echo>,
-    /// Shots without a return.
-    pub no_return: u32,
     /// Points beyond the limit.
     pub dropped_over_limit: u32,
     /// Packets that are missing in it.
@@ -133,8 +98,6 @@ pub struct Counts {
     pub late: u64,
     /// Revolutions given out.
     pub revolutions: u64,
-    /// Points beyond the limit of a revolution.
-    pub points_dropped: u64,
 }
 
 enum Family {
@@ -186,15 +149,14 @@ impl<'a> Detector<'a> {
             }
             return Ok(None);
         };
-        let clock = match &family {
-            Family::Velodyne(_) => Clock::HourOfSensor,
-            Family::Hesai(_) => Clock::Utc,
-            Family::Ouster(metadata) => metadata.clock,
+        let is_utc = match &family {
+            Family::Ouster(metadata) => metadata.is_utc,
+            _ => true,
         };
         Ok(Some(Decoder {
             family,
             sensor: (datagram.from.ip(), datagram.to_port),
-            sweep: Sweep::new(clock),
+            sweep: Sweep::new(is_utc),
         }))
     }
 

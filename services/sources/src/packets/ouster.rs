@@ -5,7 +5,7 @@ use std::{f32::consts::TAU, sync::LazyLock};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::{Calibration, Clock, Damaged, Echo, Revolution, sweep::Sweep, u16_at, u32_at};
+use super::{Calibration, Damaged, Revolution, sweep::Sweep, u16_at, u32_at};
 use crate::{SourceError, refused};
 
 const COLUMNS_MAX: usize = 4096;
@@ -32,7 +32,7 @@ static PROFILES: LazyLock<Vec<Profile>> = LazyLock::new(|| {
 #[derive(Clone, Debug)]
 pub struct Metadata {
     pub(super) product: String,
-    pub(super) clock: Clock,
+    pub(super) is_utc: bool,
     profile: &'static Profile,
     /// Columns of a frame.
     pub columns: usize,
@@ -164,11 +164,7 @@ impl Metadata {
         let (ranks, packets_per_frame) = ranks(window, columns, columns_per_packet);
         Ok(Metadata {
             product: format!("Ouster {}", fields.prod_line.as_deref().unwrap_or("OS")),
-            clock: match fields.timestamp_mode.as_deref() {
-                Some("TIME_FROM_PTP_1588") => Clock::Ptp,
-                Some("TIME_FROM_SYNC_PULSE_IN") => Clock::Utc,
-                _ => Clock::SensorUptime,
-            },
+            is_utc: fields.timestamp_mode.as_deref() == Some("TIME_FROM_SYNC_PULSE_IN"),
             profile,
             columns,
             rows,
@@ -296,11 +292,9 @@ impl Metadata {
                 if std::mem::take(&mut is_first) {
                     sweep.shots(shot.stamp_ns, on);
                 }
-                let echoes = [Echo::Strongest, Echo::SecondStrongest];
-                sweep.shot(shot.ranges_mm, echoes, |slot, echo, sweep| {
+                sweep.shot(shot.ranges_mm, |slot, sweep| {
                     let xyz_m = self.position_m(shot, slot, sin, cos);
-                    let reflectivity = shot.reflectivities[slot];
-                    sweep.point(xyz_m, reflectivity, shot.stamp_ns, shot.row, echo);
+                    sweep.point(xyz_m, shot.reflectivities[slot], shot.stamp_ns);
                 });
             });
         }

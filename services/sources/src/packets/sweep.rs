@@ -2,7 +2,7 @@
 
 use mluc_ipc_types::{POINTS_MAX, Point};
 
-use super::{Clock, Counts, Echo, Revolution};
+use super::{Counts, Revolution};
 
 /// Half a turn at 20 Hz, the fastest that these sensors spin: a revolution that a cut began does not end sooner.
 const TURN_MIN_NS: u64 = 25_000_000;
@@ -33,9 +33,9 @@ pub(super) struct Sweep {
 }
 
 impl Sweep {
-    pub(super) fn new(clock: Clock) -> Sweep {
+    pub(super) fn new(is_utc: bool) -> Sweep {
         let revolution = Revolution {
-            clock,
+            is_utc,
             ..Revolution::default()
         };
         Sweep {
@@ -124,40 +124,21 @@ impl Sweep {
         }
     }
 
-    /// A shot's two returns (a sensor with one has it twice, with the same echo): `point` for each that there is, once for two that are the same.
-    pub(super) fn shot(
-        &mut self,
-        distances: [u32; 2],
-        echoes: [Echo; 2],
-        mut point: impl FnMut(usize, Echo, &mut Sweep),
-    ) {
-        if distances == [0, 0] {
-            self.revolution.no_return = self.revolution.no_return.saturating_add(1);
-        } else if distances[0] == distances[1] {
-            let is_single = echoes[0] == echoes[1];
-            point(0, if is_single { echoes[0] } else { Echo::Both }, self);
-        } else {
-            for slot in [0, 1] {
-                if distances[slot] > 0 {
-                    point(slot, echoes[slot], self);
-                }
+    /// A shot's two returns (a sensor with one has it twice): `point` for each that there is, once for two that are the same.
+    pub(super) fn shot(&mut self, distances: [u32; 2], mut point: impl FnMut(usize, &mut Sweep)) {
+        for slot in [0, 1] {
+            let is_new = slot == 0 || distances[1] != distances[0];
+            if distances[slot] > 0 && is_new {
+                point(slot, self);
             }
         }
     }
 
     /// `xyz_m` in the frame of the [module](super), reflectivity of 255.
-    pub(super) fn point(
-        &mut self,
-        xyz_m: [f32; 3],
-        reflectivity: u8,
-        stamp_ns: u64,
-        ring: u16,
-        echo: Echo,
-    ) {
+    pub(super) fn point(&mut self, xyz_m: [f32; 3], reflectivity: u8, stamp_ns: u64) {
         let revolution = &mut self.revolution;
         if revolution.points.len() == POINTS_MAX {
             revolution.dropped_over_limit = revolution.dropped_over_limit.saturating_add(1);
-            self.counts.points_dropped += 1;
             return;
         }
         let [x_m, y_m, z_m] = xyz_m;
@@ -170,8 +151,6 @@ impl Sweep {
         let offset_ns = stamp_ns.saturating_sub(revolution.stamp_ns);
         // Bounded by `TURN_MAX_NS` and a packet's length.
         revolution.offsets_ns.push(offset_ns as u32);
-        revolution.rings.push(ring);
-        revolution.echoes.push(echo);
     }
 
     /// Gives out the revolution and begins the next one; `is_whole`: here a turn ends and the next one starts.
@@ -186,9 +165,6 @@ impl Sweep {
         on(revolution);
         revolution.points.clear();
         revolution.offsets_ns.clear();
-        revolution.rings.clear();
-        revolution.echoes.clear();
-        revolution.no_return = 0;
         revolution.dropped_over_limit = 0;
         revolution.packets_lost = 0;
     }

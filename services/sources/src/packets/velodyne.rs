@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 use mluc_model::SensorProfile;
 use serde::Deserialize;
 
-use super::{Calibration, Damaged, Echo, Revolution, u16_at, u32_at};
+use super::{Calibration, Damaged, Revolution, u16_at, u32_at};
 use super::{calibration::Laser, sweep::Sweep};
 use crate::{SourceError, refused};
 
@@ -21,7 +21,6 @@ const STAMP_AT: usize = 1200;
 const RETURNS_AT: usize = 1204;
 const PRODUCT_AT: usize = 1205;
 const RETURNS_DUAL: u8 = 0x39;
-const RETURNS_LAST: u8 = 0x38;
 /// Flags of the blocks of lasers 0 to 31, 32 to 63, ...
 const BANKS: [u16; 4] = [0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF];
 const HOUR_NS: u64 = 3_600_000_000_000;
@@ -101,7 +100,6 @@ struct Beam {
     laser: Laser,
     sin: f32,
     cos: f32,
-    ring: u16,
 }
 
 pub(super) struct Velodyne {
@@ -193,12 +191,6 @@ impl Velodyne {
         let cycle_ns = u64::from(self.product.cycle_ns);
         let start_ns = stamp_ns + firing as u64 * cycle_ns;
         sweep.column(azimuth_cdeg, start_ns, on);
-        // Of two returns the last one comes first (section 9.3.1.5).
-        let echoes = match payload[RETURNS_AT] {
-            _ if returns == 2 => [Echo::Last, Echo::Strongest],
-            RETURNS_LAST if lasers != 64 => [Echo::Last; 2],
-            _ => [Echo::Strongest; 2],
-        };
         for shot in 0..BLOCK_SHOTS {
             let beam = &self.beams[(bank + shot) % lasers];
             let (laser_ns, turned) = self.moment(bank + shot);
@@ -206,10 +198,10 @@ impl Velodyne {
             let azimuth_rad = (azimuth_cdeg / 100.0).to_radians();
             let at = [0, (returns - 1) * BLOCK_BYTES].map(|block| block + 4 + shot * 3);
             let distances = at.map(|at| u32::from(u16_at(bytes, at)));
-            sweep.shot(distances, echoes, |slot, echo, sweep| {
+            sweep.shot(distances, |slot, sweep| {
                 let xyz_m = beam.position_m(distances[slot] as f32 * self.unit_m, azimuth_rad);
                 let reflectivity = bytes[at[slot] + 2];
-                sweep.point(xyz_m, reflectivity, start_ns + laser_ns, beam.ring, echo);
+                sweep.point(xyz_m, reflectivity, start_ns + laser_ns);
             });
         }
     }
@@ -277,19 +269,9 @@ fn bank_of(flag: u16) -> Option<usize> {
 }
 
 fn beams(lasers: Vec<Laser>) -> Vec<Beam> {
-    let elevations: Vec<f32> = lasers.iter().map(|laser| laser.vert_correction).collect();
     let beam = |laser: Laser| {
         let (sin, cos) = laser.vert_correction.sin_cos();
-        let higher = elevations.iter();
-        let higher = higher.filter(|rad| **rad > laser.vert_correction);
-        let before = elevations[..laser.laser_id].iter();
-        let equal = before.filter(|rad| **rad == laser.vert_correction);
-        Beam {
-            sin,
-            cos,
-            ring: (higher.count() + equal.count()) as u16,
-            laser,
-        }
+        Beam { laser, sin, cos }
     };
     lasers.into_iter().map(beam).collect()
 }

@@ -53,6 +53,9 @@ pub(super) struct Plan {
     pub(super) scans: u32,
     pub(super) val_scans: u32,
     pub(super) steps: u64,
+    /// Whether training multiplies in bf16: decided once, since a run goes on as it began.
+    #[serde(default)]
+    pub(super) bf16: bool,
 }
 
 impl Request {
@@ -131,6 +134,7 @@ impl Plan {
         let scan_bytes = bytes / u64::from(scans) * 9 / 8;
         let mut settings = request.settings(&folder.join("scans"), &folder.join("run"), out);
         (settings.steps, settings.validate_frames) = (steps, 0);
+        settings.bf16 = TrainSettings::bf16_is_faster();
         let begun = Instant::now();
         train(&settings)?;
         let train_s = begun.elapsed().as_secs_f64() / (steps as f64 * BATCH as f64);
@@ -153,6 +157,7 @@ impl Plan {
             scans: scans as u32,
             val_scans: val_scans as u32,
             steps: (scans * PASSES / BATCH as f64).max(1.0) as u64,
+            bf16: TrainSettings::bf16_is_faster(),
             request,
         }
     }

@@ -42,7 +42,9 @@ pub(super) fn findings(
         // The largest count first: a file beyond the limit is cut, as ingest cuts it.
         let kept = inspect_bin(&scan.bytes).points_out as usize;
         let report = decode_bin(&scan.bytes, &mut points[..kept]);
-        if kept == 0 || scan.flags != Flags::default() {
+        // The first turn of a capture or a live sensor is a part.
+        let is_part = number == 0 && source.count().is_none();
+        if kept == 0 || (scan.flags != Flags::default() && !is_part) {
             damaged.push(scan.name.clone());
         }
         if kept == 0 && report.dropped_not_finite == 0 {

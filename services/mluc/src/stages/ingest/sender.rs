@@ -225,7 +225,9 @@ impl Sender<'_> {
         // A frame that is sent again is no new scan. A look takes some ms: but for the first ones it waits until the frame is sent.
         let looks_later = attempt == 0 && self.suspicion.guards.made.looks_later();
         let is_loop = self.source.count() == Some(1);
-        if attempt == 0 && !looks_later {
+        // The first turn of a capture is a part: it would be told as a sensor that is covered.
+        let is_part = sequence == 0 && scan.flags.contains(Flags::DAMAGED_INPUT);
+        if attempt == 0 && !looks_later && !is_part {
             let points = loan.elements_mut();
             self.suspicion.judge(points, &report, is_loop);
         }
