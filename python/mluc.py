@@ -149,9 +149,13 @@ class Member:
     def join(self):
         """Lives in the instance until it ends; refuses another version by name."""
         try:
-            self.lock = open(self.root + "/.lock")
+            while True:
+                self.lock = open(self.root + "/.lock")
+                fcntl.flock(self.lock, fcntl.LOCK_SH)
+                # Whoever was alone and left has removed the file; then this lock is of nothing.
+                if os.path.samestat(os.fstat(self.lock.fileno()), os.stat(self.root + "/.lock")):
+                    break
             begun = open(self.root + "/contract").read().strip()
-            fcntl.flock(self.lock, fcntl.LOCK_SH)
         except FileNotFoundError as error:
             sys.exit(f"no pipeline runs there, start `mluc up` first: {error}")
         if f"wire={WIRE_VERSION}" not in begun.split():
@@ -216,9 +220,11 @@ class Member:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             return
+        # The lock goes last: without it the next process begins the instance anew, under the same names.
+        for path in glob.glob(self.root + ".*") + glob.glob(self.root + "/*"):
+            shutil.rmtree(path, ignore_errors=True) if os.path.isdir(path) else os.unlink(path)
+        os.unlink(self.root + "/.lock")
         shutil.rmtree(self.root, ignore_errors=True)
-        for path in glob.glob(self.root + ".*"):
-            os.unlink(path)
 
 
 class Watch(Member):

@@ -3,10 +3,10 @@
 use std::time::{Duration, Instant};
 
 use mluc_ingest::{decode_bin, inspect_bin};
-use mluc_ipc_types::{FrameHeader, Health, HealthState, POINTS_MAX, Point, Stage, Status, Topic};
+use mluc_ipc_types::{FrameHeader, Health, HealthState, POINTS_MAX, Point, Stage, Topic};
 use mluc_runtime::{
-    HealthWatch, Input, Instance, Output, RuntimeError, Shell, Shutdown, finish, log_to_stderr,
-    monotonic_ns, stamp_published, wall_clock_ns,
+    HealthWatch, Instance, Output, RuntimeError, Shell, Shutdown, StatusWatch, finish,
+    log_to_stderr, monotonic_ns, stamp_published, wall_clock_ns,
 };
 
 use crate::error::{Code, Failure};
@@ -19,8 +19,7 @@ pub(crate) struct Source {
     // Ports go before the shell.
     points: Output<Point>,
     healths: HealthWatch,
-    statuses: Input<Status>,
-    status: Option<Status>,
+    statuses: StatusWatch,
     /// The run, since when it is known here, and the sequence of its next scan; `None`: none can be taken yet.
     run_id: u64,
     begun_ns: u64,
@@ -37,8 +36,7 @@ impl Source {
         Ok(Source {
             points: shell.output(&Topic::POINTS, POINTS_MAX)?,
             healths: shell.health_watch()?,
-            statuses: shell.side_input(&Topic::STATUS)?,
-            status: None,
+            statuses: shell.status_watch()?,
             run_id: 0,
             begun_ns: monotonic_ns(),
             next: None,
@@ -73,12 +71,6 @@ impl Source {
         if self.run_id != run_id {
             (self.run_id, self.begun_ns, self.next) = (run_id, monotonic_ns(), None);
         }
-        if let Some(message) = self.statuses.newest()?
-            && let [status] = message.elements()
-            && status.checked().is_ok()
-        {
-            self.status = Some(*status);
-        }
         if self.next.is_some() {
             return Ok(());
         }
@@ -86,7 +78,7 @@ impl Source {
         let is_missing = |stage: &&Stage| !self.healths.is_ready(**stage);
         let missing = Stage::ALL[1..].iter().filter(is_missing);
         let mut missing: Vec<&str> = missing.map(|stage| stage.name()).collect();
-        let status = (self.status)
+        let status = (self.statuses.last()?)
             .filter(|status| status.run_id == run_id && status.judged_ns >= self.begun_ns);
         if status.is_none() {
             missing.push("the supervisor");
@@ -138,7 +130,7 @@ impl Source {
     /// Waits until the last scan has passed, at most `patience`, and says that the input is at its end.
     pub(crate) fn finish(&mut self, patience: Duration) -> Result<Code, Failure> {
         let begun = Instant::now();
-        while let (Some(next @ 1..), Some(status)) = (self.next, self.status)
+        while let (Some(next @ 1..), Some(status)) = (self.next, self.statuses.last()?)
             && status.sequence != next - 1
             && begun.elapsed() < patience
         {

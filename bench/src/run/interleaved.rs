@@ -67,11 +67,8 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
     let folders = FOLDERS.map(|name| out.join(name));
     let names = sides.each_ref().map(|side| side.name.as_str());
     let value = compare::compared(folders.each_ref().map(|folder| &**folder), names)?;
-    save(
-        out,
-        "comparison.json",
-        serde_json::to_string_pretty(&value)?,
-    )?;
+    let json = serde_json::to_string_pretty(&value)?;
+    save(out, "comparison.json", json)?;
     let text = comparison_table(value)?;
     save(out, "comparison.txt", &text)?;
     print_out(text.trim())?;

@@ -230,21 +230,15 @@ fn refiner(args: &RunArgs, document: &Table, file: &Path) -> Result<(String, Vec
     if let Some(word) = args.refiner.first() {
         return Ok((word.clone(), with_refiner(document.clone(), word, file)?));
     }
-    let own = document
-        .get("stages")
-        .and_then(|stages| stages.get("refiner"));
-    let own = own.and_then(|own| own.get("command")?.as_array());
+    let stages = document.get("stages");
+    let own = stages.and_then(|stages| stages.get("refiner")?.get("command")?.as_array());
     let settings = document.get("refiner");
     let named = settings.and_then(|settings| settings.get("variant")?.as_str());
-    let name = match own {
-        Some(words) => {
-            let words: Vec<&str> = words.iter().filter_map(toml::Value::as_str).collect();
-            words.join(" ")
-        }
-        None => named
-            .unwrap_or(RefinerVariant::default().name())
-            .to_string(),
-    };
+    let named = named.unwrap_or(RefinerVariant::default().name());
+    let words = own.map(|words| words.iter().filter_map(toml::Value::as_str));
+    let name = words.map_or(named.to_string(), |words| {
+        words.collect::<Vec<_>>().join(" ")
+    });
     let scenario = args.scenario.iter();
     let config = scenario.flat_map(|path| ["--config".to_string(), path.display().to_string()]);
     Ok((name, config.collect()))

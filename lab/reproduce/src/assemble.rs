@@ -89,7 +89,6 @@ fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow> {
             }
         }
     }
-    found.retain(|_, seeds| !seeds.is_empty());
     Ok(found)
 }
 
@@ -155,7 +154,8 @@ fn data(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
     let mut data = Vec::new();
     for simulation in Simulation::all(&options.layout, test.setting, &sizes) {
         let (frames, folder) = (simulation.options.frames, &simulation.options.folder);
-        if folder.is_dir() {
+        // Where nothing is trained fewer frames may lie there, or none.
+        if simulation.is_done().unwrap_or(false) {
             let hash = data_hash(&Dataset::open(folder)?, frames as usize)?;
             let (split, command) = (simulation.name, simulation.command());
             data.push(json!({"split": split, "frames": frames, "command": command, "hash": hash}));

@@ -1,7 +1,7 @@
 //! Rows on recorded scans, with networks and thresholds from simulated scans alone: nothing is chosen on them.
 
 use crate::evaluated::{ByRow, Evaluated};
-use crate::methods::{MethodInput, MethodRow, run_method};
+use crate::methods::{METHODS, MethodInput, MethodRow, run_method};
 use crate::options::{Screen, TestFrames};
 use crate::{Result, Setting};
 use crate::{evaluate::read_model, layout::Layout};
@@ -28,7 +28,7 @@ pub(crate) fn real_rows(
         return Ok(Vec::new());
     }
     let first = evaluated.iter().filter_map(|(key, seeds)| {
-        let row = MethodRow::find(key)?;
+        let row = METHODS.iter().find(|row| row.key == **key)?;
         Some((row, seeds.first()?, Vec::new()))
     });
     let mut found: Vec<(&MethodRow, &Evaluated, Vec<Vec<LabelledFrame>>)> = first.collect();

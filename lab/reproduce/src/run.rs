@@ -5,15 +5,15 @@ use crate::plan::{Step, Work, plan};
 use crate::train::{RunState, run_state};
 use crate::{Result, Setting};
 use crate::{assemble::write_report, evaluate::evaluate_network};
-use mluc_dataset::{check_files, prepare};
-use mluc_evaluate::{EvaluateError, pipeline::FrameSet};
+use mluc_dataset::{Dataset, check_files, prepare};
+use mluc_evaluate::EvaluateError;
 use std::collections::btree_map::Entry;
 
 /// Takes every step whose outcome is not there yet, then writes the report. What is done stays where a step fails.
 pub fn run(options: &Options, screen: &dyn Screen) -> Result<()> {
     // What would stop the report is looked at first: hours lie between.
     for folder in &options.real {
-        FrameSet::open(folder, None, 1)?;
+        check_files(&Dataset::open(folder)?)?;
     }
     let plan = plan(options);
     for step in &plan {
@@ -56,7 +56,10 @@ fn is_done(options: &Options, step: &Step) -> Result<bool> {
             let is_needed = options.train || simulation.name == "test";
             Ok(!is_needed || simulation.is_done()?)
         }
-        Work::Prepare(_, options) => Ok(options.out.is_dir()),
+        Work::Prepare(name, of) => {
+            let is_needed = options.train || *name == "test";
+            Ok(!is_needed || of.out.is_dir())
+        }
         Work::Train(training) => {
             Ok(!options.train || run_state(&training.folder)? == RunState::Done)
         }

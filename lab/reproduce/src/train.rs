@@ -90,7 +90,10 @@ impl Training {
         add("--batch", sizes.batch.to_string());
         add("--seed", seed.to_string());
         add("--validate-frames", validate_frames.to_string());
-        if TrainSettings::bf16_is_faster() {
+        // A run goes on as it began, on whatever processor.
+        let begun = command_of(&folder);
+        let is_new = begun == "given";
+        if begun.ends_with("--bf16") || (is_new && TrainSettings::bf16_is_faster()) {
             arguments.push("--bf16".to_owned());
         }
         Training {

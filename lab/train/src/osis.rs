@@ -38,6 +38,11 @@ pub fn train_osis(
     if network.head != HeadKind::Softmax {
         return Err(wrong(&format!("a {:?} head", network.head)));
     }
+    // Of one frame a step, whatever --batch says.
+    let settings = &TrainSettings {
+        batch: 1,
+        ..settings.clone()
+    };
     let _lock = run_folder::enter(&settings.out)?;
     let out = settings.out.join("model.safetensors");
     let channels = network.feature_channels();
@@ -63,7 +68,9 @@ pub fn train_osis(
     embedding.write(&mut model.weights);
     let provenance = &mut model.manifest.provenance;
     (provenance.steps, provenance.seed) = (settings.steps, settings.seed);
-    provenance.data = data.into_owned();
+    (provenance.data, provenance.batch) = (data.into_owned(), 1);
+    provenance.commit.clone_from(&settings.commit);
+    provenance.metrics.clear();
     run_folder::write(&out, &model_bytes(&model.manifest, &model.weights)?)?;
     Ok(out)
 }

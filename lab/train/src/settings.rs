@@ -53,7 +53,7 @@ pub struct TrainSettings {
     /// Highest learning rate of the cycle.
     #[arg(long, default_value_t = 0.003, value_parser = learning_rate)]
     pub learning_rate: f64,
-    /// Multiply in bf16, with sums in f32: faster where the processor has bf16.
+    /// Multiply in bf16 but for the heads, with sums in f32: faster where the processor has bf16.
     #[arg(long)]
     pub bf16: bool,
     /// Do not paste, mirror, turn or scale.

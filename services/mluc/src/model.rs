@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use mluc_model::{HeadKind, Model};
+use mluc_runtime::Instance;
 use serde::{Deserialize, Serialize};
 
 use crate::{UsageError, document::nearest, settings::Settings};
@@ -78,12 +79,23 @@ pub(crate) struct PinnedModel {
 }
 
 impl PinnedModel {
+    fn folder(instance: &Instance, number: u64) -> PathBuf {
+        instance.root().join(format!("model-{number}"))
+    }
+
+    /// Removes one, or what is left of it: a part of a copy would fill what is left of shared memory.
+    pub(crate) fn remove(instance: &Instance, number: u64) {
+        let _ = fs::remove_dir_all(PinnedModel::folder(instance, number));
+    }
+
     /// `number`: no other one's of the run. The settings name the copy from now on.
     pub(crate) fn new(settings: &mut Settings, model: &Model, number: u64) -> anyhow::Result<Self> {
         let (name, fingerprint) = (&settings.model, model.fingerprint);
-        let folder = settings.instance.root().join(format!("model-{number}"));
-        let file = folder.join("model.safetensors");
         let bytes = built_in(name).map_or_else(|| fs::read(name), |bytes| Ok(bytes.to_vec()));
+        // An earlier supervisor may have left one, with what stages that are still alive said of it.
+        PinnedModel::remove(&settings.instance, number);
+        let folder = PinnedModel::folder(&settings.instance, number);
+        let file = folder.join("model.safetensors");
         let made = fs::create_dir_all(folder).and(bytes);
         let copied = made.and_then(|bytes| fs::write(&file, bytes));
         copied.with_context(|| format!("copying model '{name}' to {}", file.display()))?;

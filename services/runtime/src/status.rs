@@ -18,14 +18,20 @@ impl StatusWatch {
         })
     }
 
-    /// The status as of now; `None`: no supervisor has published one yet. What breaks the contract is left out.
+    /// The status as of now; `None`: no supervisor has published one yet.
     pub fn update(&mut self) -> Result<Option<Status>> {
+        let last = self.last()?;
+        Ok(last.map(|status| status.at(monotonic_ns())))
+    }
+
+    /// The same as of when it was judged. What breaks the contract is left out.
+    pub fn last(&mut self) -> Result<Option<Status>> {
         if let Some(message) = self.input.newest()?
             && let [status] = message.elements()
             && status.checked().is_ok()
         {
             self.last = Some(*status);
         }
-        Ok(self.last.map(|status| status.at(monotonic_ns())))
+        Ok(self.last)
     }
 }

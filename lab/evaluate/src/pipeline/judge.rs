@@ -251,13 +251,16 @@ pub fn write_precisions(
 }
 
 /// Puts a choice into the model file that was judged: the threshold, how it was chosen, and the figures. Scores of profiles and what
-/// scores are worth, which were chosen at another threshold, go.
+/// scores are worth go where they were chosen at another threshold.
 pub fn write_threshold(path: &Path, judged: &Model, choice: &Choice) -> Result<()> {
     rewrite(path, judged, |manifest| {
+        let before = manifest.thresholds.clone();
         ModelGate::of(judged).set(&mut manifest.thresholds, choice.threshold as f32);
-        manifest.thresholds.profiles = None;
-        manifest.thresholds.probabilities = None;
-        manifest.provenance.profile_choice.clear();
+        if manifest.thresholds != before {
+            manifest.thresholds.profiles = None;
+            manifest.thresholds.probabilities = None;
+            manifest.provenance.profile_choice.clear();
+        }
         manifest.provenance.threshold_choice = choice.reason.clone();
         manifest.provenance.metrics.extend(choice.metrics.clone());
     })

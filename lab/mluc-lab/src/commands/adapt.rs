@@ -6,7 +6,7 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use mluc_backbone::Precision;
 use mluc_dataset::{Dataset, whole_file::write_whole};
@@ -56,7 +56,9 @@ pub(crate) struct AdaptArguments {
 }
 
 fn hours(text: &str) -> Result<f64, String> {
-    let hours = text.parse().ok().filter(|h| *h > 0.0 && *h <= 1000.0);
+    // Few digits, which plan.json gives back as they are.
+    let hours = text.parse().ok().map(|h: f64| (1e6 * h).round() / 1e6);
+    let hours = hours.filter(|h| *h > 0.0 && *h <= 1000.0);
     hours.ok_or_else(|| format!("expected more than 0 and at most 1000, found '{text}'"))
 }
 
@@ -72,26 +74,38 @@ pub(crate) fn run(arguments: AdaptArguments) -> Result<()> {
     let known = Class::REAL.into_iter().filter(is_known).map(lower);
     let known: Vec<String> = known.collect();
     check_known(&known)?;
+    let from = arguments.init.as_deref().unwrap_or("any-open".as_ref());
+    let model = Model::from_bytes(&init).with_context(|| from.display().to_string())?;
     let request = Request {
         sensor: SensorProfile::load(&arguments.sensor)?,
-        init: format!("{:016x}", Model::from_bytes(&init)?.fingerprint),
+        init: format!("{:016x}", model.fingerprint),
         known,
         hours: arguments.hours,
     };
+    let model = out.join("model.safetensors");
+    ensure!(
+        out.join("plan.json").exists() || !model.exists(),
+        "{}: expected no model of another run, found one; name another folder",
+        model.display()
+    );
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    write_whole(&out.join("init.safetensors"), &init).context("init.safetensors")?;
+    let first = out.join("init.safetensors");
+    write_whole(&first, &init).with_context(|| first.display().to_string())?;
     let plan = Plan::of(request, out)?;
     let place = Adaptation { out, plan };
-    place.simulate()?;
-    let before = place.judged("before", &out.join("init.safetensors"))?;
-    place.train()?;
-    place.finish_model()?;
-    let after = place.judged("after", &place.model())?;
-    let text = report::markdown(&place.plan, &Model::read(&place.model())?, &before, &after);
+    if !place.is_done() {
+        place.simulate()?;
+        print_err("step 2 of 4: judge the model that training begins with");
+        place.judged("before", &first)?;
+        place.train()?;
+        place.finish_model()?;
+    }
+    let before = place.judged("before", &first)?;
+    let after = place.judged("after", &model)?;
+    let text = report::markdown(&place.plan, &Model::read(&model)?, &before, &after);
     let path = out.join("report.md");
     write_whole(&path, text.as_bytes()).with_context(|| path.display().to_string())?;
     print_out(text)?;
-    let model = place.model();
     print_out(format_args!("{}\n{}", path.display(), model.display()))
 }
 
@@ -132,24 +146,21 @@ impl Adaptation<'_> {
         print_err("step 3 of 4: train");
         let (request, scans) = (&self.plan.request, self.out.join("scans"));
         let mut settings = request.settings(&scans, &self.run_folder(), self.out);
-        // Both are done here, once.
-        (settings.steps, settings.validate_frames) = (self.plan.steps, 0);
-        settings.bf16 = self.plan.bf16;
+        (settings.steps, settings.bf16) = (self.plan.steps, self.plan.bf16);
         train(&settings).map(drop)
+    }
+
+    /// Whether the model is there with the last figures that are written.
+    fn is_done(&self) -> bool {
+        let [last, _] = Precision::Int8.metrics();
+        Model::read(&self.model())
+            .is_ok_and(|model| model.manifest.provenance.metrics.contains_key(&last))
     }
 
     /// The model of the run with its int8 ranges and the scores of its profiles.
     fn finish_model(&self) -> Result<()> {
         print_err("step 4 of 4: int8 ranges, scores, figures");
         let (trained, path) = (self.run_folder().join("model.safetensors"), self.model());
-        let is_done = Model::read(&path).is_ok_and(|model| {
-            // The last ones that are written.
-            let [last, _] = Precision::Int8.metrics();
-            model.manifest.provenance.metrics.contains_key(&last)
-        });
-        if is_done {
-            return Ok(());
-        }
         let (scans, train) = (self.scans(Split::Train), Model::read(&trained)?);
         let dataset = Dataset::open(&scans)?;
         let (mut manifest, weights) = quantized(&train, &dataset, &scans, RANGE_FRAMES)?;
@@ -193,15 +204,15 @@ impl Adaptation<'_> {
             detect_frames(Precision::default(), model, &set, step)
         })?;
         let unknown = self.unknown(model);
-        let judgement = judge(model, &set, &frames, &unknown, &Settings::default())?;
+        let mut model = model.clone();
+        // Before and after by the same overlaps, whatever training begins with.
+        model.manifest.name = "any".into();
+        let judgement = judge(&model, &set, &frames, &unknown, &Settings::default())?;
         Ok((set, frames, judgement))
     }
 
     /// The figures of a model file, from `NAME.json` where they are there for this very file.
     fn judged(&self, name: &str, path: &Path) -> Result<report::Figures> {
-        if name == "before" {
-            print_err("step 2 of 4: judge the model that training begins with");
-        }
         let model = Model::read(path)?;
         let file = self.out.join(format!("{name}.json"));
         let kept = std::fs::read_to_string(&file).ok();

@@ -26,7 +26,7 @@ pub(crate) struct ImportArguments {
     #[arg(long, default_value = "kitti")]
     name: String,
     /// Classes in the order of the checkpoint's configuration.
-    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..", value_parser = lower)]
     #[arg(default_value = "car,pedestrian,cyclist")]
     classes: Vec<String>,
     /// Anchor of a class, m; bottom is its z in the sensor frame. Those of OpenPCDet's KITTI configurations are known.
@@ -39,8 +39,10 @@ pub(crate) struct ImportArguments {
     score_min: f32,
 }
 
-/// Overlaps of an anchor given on the command line: they count in training alone.
-const IOUS: [f32; 2] = [0.5, 0.35];
+/// OpenPCDet writes `Car`; a model file has `car`.
+fn lower(name: &str) -> Result<String, std::convert::Infallible> {
+    Ok(name.to_ascii_lowercase())
+}
 
 fn anchor(text: &str) -> Result<AnchorClass, String> {
     let expected = "CLASS=LENGTH,WIDTH,HEIGHT,BOTTOM with numbers in m";
@@ -48,11 +50,12 @@ fn anchor(text: &str) -> Result<AnchorClass, String> {
     let values: Result<Vec<f32>, _> = values.split(',').map(str::parse).collect();
     match values.as_deref() {
         Ok([length, width, height, bottom]) => Ok(AnchorClass {
-            name: name.into(),
+            name: name.to_ascii_lowercase(),
             size_m: [*length, *width, *height],
             bottom_z_m: *bottom,
-            matched_iou: IOUS[0],
-            unmatched_iou: IOUS[1],
+            // Overlaps count in training alone.
+            matched_iou: 0.5,
+            unmatched_iou: 0.35,
         }),
         _ => Err(expected.into()),
     }
@@ -62,7 +65,8 @@ impl ImportArguments {
     fn manifest(&self) -> anyhow::Result<Manifest> {
         for given in &self.anchor {
             if !self.classes.contains(&given.name) {
-                bail!("--anchor {}: --classes does not name it", given.name);
+                let name = &given.name;
+                bail!("--anchor: expected a class that --classes names, found {name}");
             }
         }
         let class = |name: &String| {

@@ -2,6 +2,7 @@
 
 use super::terminal::{at_least_one, counted, print_err, write_out};
 use clap::Args;
+use mluc_backbone::Precision;
 use mluc_dataset::Dataset;
 use mluc_evaluate::pipeline::{folder_tail, scan_points};
 use mluc_model::{Manifest, Model, WeightSet, model_bytes};
@@ -65,6 +66,10 @@ pub(super) fn quantized(
         measure_ranges(&model.manifest, &model.weights, scans)
     })?;
     let mut manifest = model.manifest.clone();
+    // Figures of other ranges: `--precision auto` must not choose by them.
+    for name in Precision::Int8.metrics() {
+        manifest.provenance.metrics.remove(&name);
+    }
     let folder = folder_tail(&data.canonicalize().unwrap_or(data.to_owned()));
     manifest.provenance.calibration = format!(
         "{count} of {all} frames of {folder}; ranges hold a quarter more than what was seen"

@@ -107,6 +107,7 @@ impl ReproduceArguments {
         let mut text = "mluc-lab reproduce".to_owned();
         if let Some(dataset) = &self.dataset {
             text += &format!(" --dataset {dataset} --root DIR");
+            text += self.splits.as_ref().map_or("", |_| " --splits DIR");
         } else if let Some(setting) = self.setting {
             text += &format!(" --setting {}", setting.trainer_name());
         }
@@ -122,7 +123,7 @@ impl ReproduceArguments {
         if self.no_train {
             text += " --no-train";
         }
-        text
+        text + &" --real DIR".repeat(self.real.len())
     }
 }
 

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::Args;
 use mluc_evaluate::pipeline::FrameSet;
-use mluc_model::{Model, model_bytes};
+use mluc_model::{HeadKind, Model, model_bytes};
 use mluc_train::cluster_scorer::fit_to_proposals;
 
 use super::terminal::{Threads, counted, write_out};
@@ -22,12 +22,6 @@ pub(crate) struct ScoreClustersArguments {
     /// Training scans with labels: `simulate --split train --synthetic-unknown`, best of a seed that the network was not trained on.
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
-    /// At most so many frames, the first ones [default: all].
-    #[arg(long, default_value_t = usize::MAX, hide_default_value = true)]
-    frames: usize,
-    /// Seed of the fit.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
     /// Where the model goes with the layers; may be the same file.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -38,9 +32,15 @@ pub(crate) struct ScoreClustersArguments {
 pub(crate) fn run(arguments: ScoreClustersArguments) -> anyhow::Result<()> {
     arguments.threads.start()?;
     let mut model = Model::read(&arguments.model)?;
-    let set = FrameSet::open(&arguments.data, None, arguments.frames)?;
+    let head = model.manifest.network.head;
+    ensure!(
+        head == HeadKind::Open,
+        "{}: expected a network with an output for the unknown (mluc-full), found a {head:?} head",
+        arguments.model.display()
+    );
+    let set = FrameSet::open(&arguments.data, None, usize::MAX)?;
     let scorer = counted("network", set.names().len(), |step| {
-        fit_to_proposals(&model, &set, arguments.seed, step)
+        fit_to_proposals(&model, &set, 1, step)
     })?;
     let scorer = scorer.with_context(|| {
         let data = set.describe();

@@ -36,6 +36,15 @@ fn a_model_is_adapted_once_and_goes_on_where_it_was() {
     assert!(!text(&output.stderr).contains("probe"));
     assert!(folder.read("a/model.safetensors") == bytes);
     assert_eq!(text(&folder.read("a/report.md")), report);
+    // Its scans may go.
+    std::fs::remove_dir_all(folder.path("a/scans")).expect("removed");
+    folder.run(&adapt(few));
+    assert!(!folder.path("a/scans").exists());
+    folder.write("m/model.safetensors", "mine");
+    let other = ["m/model.safetensors: expected no model of another run"];
+    folder.refuses("adapt --sensor mine.toml --out m", &other);
+    let init = "adapt --sensor mine.toml --init mine.toml --out n";
+    folder.refuses(init, &["mine.toml: model file"]);
     let others = ["--sensor, --known, --hours", "name another folder"];
     folder.refuses(&adapt("--hours 2"), &others);
     folder.refuses(&adapt("--hours 0"), &["more than 0"]);

@@ -4,8 +4,7 @@ use crate::{Folder, text};
 use mluc_tests::{assert_has, untrained_udi};
 use serde_json::Value;
 
-const ROWS: &str =
-    "closed-set supervised naive osis ml-only uc-only paper paper-corrected mluc-open mluc-full";
+const ROWS: &str = "closed-set supervised naive osis osis-geo ml-only uc-only paper paper-corrected mluc-open mluc-full";
 const FIGURES: &str = "map_known ap_unknown map_harm recall_unknown ap_unknown_iou25_r11";
 const REPRODUCE: &str = "reproduce --setting kitti --smoke --data data --runs runs --out report";
 

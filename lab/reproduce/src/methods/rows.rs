@@ -64,11 +64,6 @@ pub static METHODS: LazyLock<Vec<MethodRow>> =
     LazyLock::new(|| serde_json::from_str(include_str!("methods.json")).expect("the table"));
 
 impl MethodRow {
-    /// The row of a key.
-    pub(crate) fn find(key: &str) -> Option<&'static MethodRow> {
-        METHODS.iter().find(|row| row.key == key)
-    }
-
     /// The rows on a kind of network of some seed.
     pub(crate) fn on(network: NetworkKind, seed: u64) -> impl Iterator<Item = &'static MethodRow> {
         let is_on = move |row: &&MethodRow| row.network == network && (seed == 1 || row.seeded);

@@ -4,7 +4,7 @@ mod pace;
 mod sender;
 
 use anyhow::Context;
-use mluc_ipc_types::{Health, HealthState, Stage, Status, Topic};
+use mluc_ipc_types::{Health, HealthState, Stage};
 use mluc_model::Model;
 use mluc_runtime::{Shell, monotonic_ns};
 
@@ -57,12 +57,10 @@ pub(crate) fn run(
 /// The first sequence in the run of a supervisor: behind the scans that an ingest before this one has sent, which that supervisor has counted.
 fn next_sequence(shell: &mut Shell) -> anyhow::Result<u64> {
     let begun_ns = monotonic_ns();
-    let mut statuses = shell.side_input::<Status>(&Topic::STATUS)?;
+    let mut statuses = shell.status_watch()?;
     shell.state(HealthState::WaitingInput, "waiting for the supervisor")?;
     while !shell.is_stopping() {
-        if let Some(message) = statuses.newest()?
-            && let [status] = message.elements()
-            && status.checked().is_ok()
+        if let Some(status) = statuses.last()?
             && shell.run().is_some_and(|run| run.run_id == status.run_id)
             && status.judged_ns >= begun_ns
         {

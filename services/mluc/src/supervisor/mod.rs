@@ -383,7 +383,6 @@ impl Supervisor {
 
     /// Restarts what died. True: ingest has come to the end of its input.
     fn look_after_children(&mut self) -> anyhow::Result<bool> {
-        let start_sequence = self.start_sequence();
         let now_ns = monotonic_ns();
         if now_ns - self.looked_ns > PAUSE_NS {
             self.regular_since_ns = now_ns;
@@ -412,6 +411,9 @@ impl Supervisor {
         for (stage, sequence) in killed_by {
             self.blame(stage, sequence);
         }
+        // With all that the ingest before has sent until its end.
+        self.take_scans()?;
+        let start_sequence = self.start_sequence();
         for child in self.children.iter_mut().filter(|child| child.is_due()) {
             self.outcome.restarts += 1;
             self.control.restarts[child.stage as usize] += 1;

@@ -15,14 +15,17 @@ const CLEAN_PATIENCE: Duration = Duration::from_secs(3);
 /// What the stages of a supervisor, and all that they start, carry in their environment.
 pub(super) const MARK: &str = "MLUC_SUPERVISOR";
 
-/// Whose they are: user, instance, and a process that no later one is taken for.
+/// Whose they are: user, processes that see each other (a container's are a world of their own), instance, and a process that no
+/// later one is taken for.
 pub(super) fn mark(instance: &Instance) -> String {
     let pid = std::process::id();
     mark_start(instance) + &format!("{pid}/{}", start_of(pid).unwrap_or_default())
 }
 
 fn mark_start(instance: &Instance) -> String {
-    format!("{}/{}/", geteuid().as_raw(), instance.name())
+    let namespace = std::fs::read_link("/proc/self/ns/pid").unwrap_or_default();
+    let (user, name) = (geteuid().as_raw(), instance.name());
+    format!("{user}/{}/{name}/", namespace.display())
 }
 
 /// When a process that lives began, in the kernel's ticks: field 22; the second, a name, may hold anything.

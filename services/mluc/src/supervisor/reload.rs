@@ -51,11 +51,14 @@ impl Supervisor {
             Ok(Some(text)) => (false, text),
             Err(error) => (true, format!("refused, the old settings stay: {error:#}")),
         };
+        if is_refused {
+            // Of the change that this answers.
+            PinnedModel::remove(&self.settings.instance, self.control.answer.0 + 1);
+        }
         if let Some(reload) = &mut self.control.reload
-            && let Some(refused) = reload.model.take_if(|next| *next != self.model)
+            && reload.model.take_if(|next| *next != self.model).is_some()
         {
             reload.new = reload.old;
-            let _ = std::fs::remove_dir_all(refused.file.with_file_name(""));
         }
         tracing::warn!("reload: {text}");
         self.control.answer = (self.control.answer.0 + 1, is_refused, text);

@@ -10,6 +10,9 @@ use crate::fit::{ClusterPoints, Rectangle, higher, lower};
 use crate::frame::IndexedPoint;
 use mluc_geometry::ground::{ground_height_m, tiles::whole};
 
+/// What is seen of an object is not taken for lower by more. A guess: the gap is one, where the model has no beams.
+const GAP_MAX_M: f32 = 0.5;
+
 /// Measurements of one cluster, as the sensor saw it: nothing is completed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measures {
@@ -17,7 +20,7 @@ pub struct Measures {
     pub points: u32,
     /// From the sensor's axis to the mean of its points, m.
     pub range_m: f32,
-    /// Between two beams at its range, m: its top may lie this much higher.
+    /// Between two beams at its range, m, at most [`GAP_MAX_M`]: its top may lie this much higher. Where the model has no beams, as if columns were as far apart as an HDL-64E's.
     pub beam_gap_m: f32,
     /// Length, width (of the tight rectangle) and height of what was seen, m.
     pub seen_m: [f32; 3],
@@ -123,7 +126,7 @@ impl Measurer {
         Measures {
             points: points.len() as u32,
             range_m: range_m as f32,
-            beam_gap_m: range_m as f32 * self.steps_rad[1],
+            beam_gap_m: (range_m as f32 * self.steps_rad[1]).min(GAP_MAX_M),
             seen_m: [u.max(v), u.min(v), high - low],
             bottom_m: low - floor,
             top_m: high - floor,

@@ -274,8 +274,12 @@ fn equal_returns_are_one_point_and_no_return_is_none() {
         let kind = &kinds()[1];
         let mut packet = kind.packet(0, 0);
         change(&mut packet);
-        let (mut decoder, mut points) = (kind.decoder(), 0);
-        let mut keep = |scan: &Revolution| points = scan.points.len();
+        let far_m = f32::from(FAR) * kind.unit_m - 1.0;
+        let is_far = |p: &&Point| p.x_m.hypot(p.y_m).hypot(p.z_m) > far_m;
+        let (mut decoder, mut points) = (kind.decoder(), [0; 2]);
+        let mut keep = |scan: &Revolution| {
+            points = [scan.points.len(), scan.points.iter().filter(is_far).count()];
+        };
         decoder.push(&datagram(0, &packet), &mut keep);
         decoder.finish(&mut keep);
         points
@@ -287,7 +291,8 @@ fn equal_returns_are_one_point_and_no_return_is_none() {
         points_of(neither),
         points_of(|p| p.copy_within(4..6, 104)),
     ];
-    assert_eq!(found, [384, 383, 382, 383]);
+    // All, and those of the far return.
+    assert_eq!(found, [[384, 192], [383, 191], [382, 191], [383, 192]]);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-"""Makes the files of ../las.rs, with laspy: pip install laspy lazrs; python3 make.py
+"""Makes the files that src/files/tests.rs reads, with laspy: pip install laspy lazrs; python3 make.py
 
 Three points with intensities of 16 bits, in a map's coordinates: the sensor is at 500000, 5400000, 100.
 """

@@ -27,8 +27,9 @@ const VAL_SCANS: (f64, [f64; 2]) = (120.0, [12.0, 240.0]);
 /// Judging a validation scan before, after and in each precision takes as long as training on so many scans (a guess); other work, this share of the time.
 const JUDGE_SCANS: f64 = 2.5;
 const OTHER_SHARE: f64 = 0.08;
-/// Fewer scans of a sensor that sees all around teach nothing.
+/// Fewer scans of a sensor that sees all around teach nothing; the simulator writes no more than the most.
 const SCANS_MIN: f64 = 12.0;
+const SCANS_MAX: f64 = 1e6;
 
 /// What was asked for: a folder holds one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -87,6 +88,8 @@ impl Request {
             learning_rate: LEARNING_RATE,
             commit: commit(),
             checkpoint_every: 50,
+            // Its model is judged here, once.
+            validate_frames: 0,
             ..TrainSettings::of(&options, data, run)
         }
     }
@@ -133,8 +136,7 @@ impl Plan {
         // Of every point its instance too, 2 bytes beside 16.
         let scan_bytes = bytes / u64::from(scans) * 9 / 8;
         let mut settings = request.settings(&folder.join("scans"), &folder.join("run"), out);
-        (settings.steps, settings.validate_frames) = (steps, 0);
-        settings.bf16 = TrainSettings::bf16_is_faster();
+        (settings.steps, settings.bf16) = (steps, TrainSettings::bf16_is_faster());
         let begun = Instant::now();
         train(&settings)?;
         let train_s = begun.elapsed().as_secs_f64() / (steps as f64 * BATCH as f64);
@@ -149,7 +151,8 @@ impl Plan {
         let val_scans = (request.hours * an_hour).clamp(fewest, most);
         let val_s = val_scans * (simulate_s + JUDGE_SCANS * train_s);
         let left_s = request.hours * 3600.0 * (1.0 - OTHER_SHARE) - probe_s - val_s;
-        let scans = (left_s / (simulate_s + PASSES * train_s)).max(request.scans(SCANS_MIN));
+        let scans = left_s / (simulate_s + PASSES * train_s);
+        let scans = scans.clamp(request.scans(SCANS_MIN), SCANS_MAX);
         Plan {
             simulate_s,
             train_s,
@@ -218,6 +221,9 @@ mod tests {
             assert!(is_filled, "{all} min: {plan:?}");
             plan.request.sensor.field_deg = Some([0.0, 120.0]);
             assert_eq!(plan.request.scans(SCANS_MIN), 36.0);
+            plan.request.hours = 1000.0;
+            let most = Plan::fitted(plan.request, [0.1, 0.1, 30.0], 1_000_000);
+            assert_eq!(most.scans, 1_000_000);
         }
     }
 }

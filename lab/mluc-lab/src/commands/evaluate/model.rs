@@ -12,7 +12,7 @@ use mluc_evaluate::pipeline::{
 use mluc_model::Model;
 use mluc_refiner::{Settings, Variant};
 use mluc_simulate::shard;
-use std::path::PathBuf;
+use std::{collections::BTreeSet, path::PathBuf};
 
 /// Run a model over labelled scans, in one process, and judge what comes out.
 ///
@@ -40,7 +40,8 @@ pub(crate) struct ModelArguments {
     /// Of the backbone: f32, bf16 or int8 (after `mluc-lab quantize`).
     #[arg(long, default_value_t)]
     precision: Precision,
-    /// Label classes that are unknown; unseen: those of `simulate --unseen` [default: golf_cart,forklift for udi, van,truck for kitti, all four for any].
+    /// Label classes that are unknown; unseen: those of `simulate --unseen` [default: golf_cart,forklift for udi, van,truck for kitti, all four for any, and
+    /// car,pedestrian,cyclist,truck; of all these what the model does not know].
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     unknown: Option<Vec<String>>,
     /// Try thresholds of the gate, and say which is best: the highest harmonic mean that keeps nine tenths of the closed set's mAP; of an open head one half.
@@ -63,7 +64,7 @@ pub(crate) struct ModelArguments {
     #[arg(long, value_name = "I/N", value_parser = shard, requires = "write_part")]
     shard: Option<[u32; 2]>,
     /// Write what the network finds to a file, and judge nothing.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["parts", "sweep", "json"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["parts", "sweep", "json", "write_threshold", "write_profiles", "write_precisions"])]
     write_part: Option<PathBuf>,
     /// Files of --write-part, which have all frames together: judge them. The outcome is that of one run, bit for bit.
     #[arg(long, value_name = "FILE", num_args = 1..)]
@@ -90,7 +91,8 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         variant: arguments.refiner,
         ..Settings::default()
     };
-    let precision = arguments.precision;
+    // Parts of two processors must not differ in it.
+    let (precision, _) = arguments.precision.chosen(&model.manifest, &model.weights);
     let frames = if arguments.parts.is_empty() {
         let detect = |step: &(dyn Fn() + Sync)| detect_frames(precision, &model, &set, step);
         counted("network", set.names().len(), detect)?
@@ -106,10 +108,14 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let unknown = match arguments.unknown {
         Some(classes) => unknown_labelled(labels(), &classes)?,
         None => {
-            // An adapted model may know some of them.
-            let known = model.manifest.class_names();
+            // An adapted model may know some of them, and not know what others know.
+            let mut seen: BTreeSet<String> = model.manifest.class_names().into_iter().collect();
             let mut classes = unknown_classes(&model.manifest.name);
-            classes.retain(|class| !known.contains(class));
+            if !classes.is_empty() {
+                let others = ["car", "pedestrian", "cyclist", "truck"];
+                classes.extend(others.map(str::to_owned));
+            }
+            classes.retain(|class| seen.insert(class.clone()));
             classes
         }
     };

@@ -17,10 +17,9 @@ pub(super) struct Outcome {
 }
 
 fn point_json(point: &SweepPoint) -> Value {
-    json!({
-        "threshold": point.threshold, "map_known": point.map_known, "recall_unknown": point.recall_unknown,
-        "ap_unknown": point.ap_unknown, "map_harm": point.map_harm(),
-    })
+    let mut object = json!(point);
+    object["map_harm"] = json!(point.map_harm());
+    object
 }
 
 impl Outcome {

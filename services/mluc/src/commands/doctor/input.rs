@@ -43,7 +43,8 @@ pub(super) fn findings(
         let kept = inspect_bin(&scan.bytes).points_out as usize;
         let report = decode_bin(&scan.bytes, &mut points[..kept]);
         // The first turn of a capture or a live sensor is a part.
-        let is_part = number == 0 && source.count().is_none();
+        let may_be_part = number == 0 && source.count().is_none();
+        let is_part = may_be_part && scan.flags == Flags::DAMAGED_INPUT;
         if kept == 0 || (scan.flags != Flags::default() && !is_part) {
             damaged.push(scan.name.clone());
         }
