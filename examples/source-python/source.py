@@ -23,6 +23,8 @@ def read(path):
     return np.fromfile(path, np.float32).reshape(-1, 4) if path.suffix == ".bin" else np.load(path)[:, :4]
 
 
+if len(sys.argv) != 2 or not scans(sys.argv[1]):
+    sys.exit("usage: source.py DIR, a folder that holds .bin or .npy files itself")
 paths, source = scans(sys.argv[1]), mluc.Source()
 if source.wait():  # false: asked to end
     # One that was started again after a fault goes on behind its predecessor's scans.

@@ -49,7 +49,9 @@ impl Model {
 pub fn read_tensors(bytes: &[u8]) -> Result<(HashMap<String, String>, WeightSet)> {
     let damaged = |cause: SafeTensorError| {
         let length = bytes.len();
-        let cause = format!("of {length} bytes is damaged or cut short: {cause}");
+        let cause = format!(
+            "of {length} bytes is damaged, cut short or no safetensors file: {cause} (checkpoints of other programs: docs/weights.md)"
+        );
         ModelError::File(cause)
     };
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;

@@ -223,10 +223,9 @@ pub(crate) struct LayoutArgs {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     columns: Vec<String>,
     /// Where the sensor is in the coordinates of the files, which may be those of a map [default: 0,0,0].
-    #[arg(long, value_delimiter = ',', value_name = "X,Y,Z")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = origin)]
     #[arg(allow_hyphen_values = true)]
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    origin: Vec<f64>,
+    origin: Option<[f64; 3]>,
     /// Metres a unit of the coordinates, 0.001 for mm [default: 1].
     #[arg(long)]
     scale: Option<f64>,
@@ -260,6 +259,13 @@ impl LayoutArgs {
     pub(crate) fn layout(&self) -> anyhow::Result<Layout> {
         Ok(toml::Table::try_from(self)?.try_into()?)
     }
+}
+
+fn origin(text: &str) -> Result<[f64; 3], String> {
+    let numbers = text.split(',').map(|word| word.trim().parse().ok());
+    let numbers: Option<Vec<f64>> = numbers.collect();
+    let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
+    numbers.ok_or_else(|| format!("expected three numbers, as in 1.5,-2,0, found '{text}'"))
 }
 
 fn later_stage(word: &str) -> Result<Stage, String> {

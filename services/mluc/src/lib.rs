@@ -28,7 +28,8 @@ use cli::{Cli, Command};
 pub use cli::{DoctorArgs, StageArgs};
 pub use commands::doctor;
 use mluc_runtime::choose_log_format;
-use terminal::print_err;
+use terminal::{print_at, print_err};
+use tracing::Level;
 
 /// Finished, but not all went well.
 pub const EXIT_WARNINGS: u8 = 3;
@@ -46,7 +47,7 @@ pub struct UsageError(pub String);
 pub fn exit_code(program: &str, result: anyhow::Result<ExitCode>) -> ExitCode {
     mluc_runtime::tell_repeats(true);
     result.unwrap_or_else(|error| {
-        print_err(format_args!("{program}: {error:#}"));
+        print_at(Level::ERROR, format_args!("{program}: {error:#}"));
         let is_usage = error.downcast_ref::<UsageError>().is_some();
         ExitCode::from(if is_usage { EXIT_USAGE } else { EXIT_FAILURE })
     })

@@ -31,7 +31,7 @@ pub fn load(name: &str) -> anyhow::Result<Model> {
         return Model::from_bytes(bytes).with_context(|| format!("built-in model '{name}'"));
     }
     let path = Path::new(name);
-    if !path.exists() {
+    if !path.is_file() {
         let names: Vec<&str> = BUILT_IN.iter().map(|&(name, _)| name).collect();
         let known = names.join(", ");
         let paper = PAPER.contains(&name).then(|| {

@@ -12,9 +12,14 @@ const PATIENCE: Duration = Duration::from_secs(1);
 
 /// A line on stderr, lost where it cannot be written; where the log is JSON, it is one of its lines.
 pub fn print_err(text: impl Display) {
+    print_at(Level::INFO, text);
+}
+
+/// The same of another level than `INFO`.
+pub fn print_at(level: Level, text: impl Display) {
     let text = text.to_string();
     let is_json = log_format() == LOG_FORMATS[1];
-    let line = is_json.then(|| log_line("mluc", Level::INFO, &text, &[]));
+    let line = is_json.then(|| log_line("mluc", level, &text, &[]));
     let text = line.unwrap_or(text) + "\n";
     let _ = PatientStderr(PATIENCE).write_all(text.as_bytes());
 }

@@ -73,9 +73,14 @@ fn doctor_finds_few_open_files_and_segments_without_an_instance() {
 
 #[test]
 fn status_of_nothing_is_a_failure() {
-    let output = mluc(&["status", "--instance", "nobody-has-this"]);
-    assert_eq!(output.status.code(), Some(1));
-    assert!(said(&output).contains("no pipeline runs under the name 'nobody-has-this'"));
+    for command in [
+        "status --instance nobody-has-this",
+        "top --once --instance nobody-has-this",
+    ] {
+        let output = mluc(&command.split(' ').collect::<Vec<_>>());
+        assert_eq!(output.status.code(), Some(1), "{command}");
+        assert!(said(&output).contains("no pipeline runs under the name 'nobody-has-this'"));
+    }
 }
 
 #[test]

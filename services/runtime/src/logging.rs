@@ -79,8 +79,10 @@ fn sums(now_ns: u64) -> Vec<String> {
 /// Starts logging. `MLUC_LOG` sets the filter (`info` without it); `process` names this process in each line. iceoryx2's
 /// own messages are silent: every failure of it comes out as an error of ours that says what to do.
 pub fn log_to_stderr(process: &'static str, default_filter: &str) {
-    let filter =
-        EnvFilter::try_from_env("MLUC_LOG").unwrap_or_else(|_| EnvFilter::new(default_filter));
+    let given = std::env::var("MLUC_LOG").unwrap_or_default();
+    let given = Some(given).filter(|words| !words.is_empty());
+    let filter = given.and_then(|words| EnvFilter::try_new(words).ok());
+    let filter = filter.unwrap_or_else(|| EnvFilter::new(default_filter));
     let lines = tracing_subscriber::fmt::layer()
         .with_writer(|| PatientStderr(Duration::ZERO))
         .with_ansi(false)

@@ -204,19 +204,26 @@ impl Shell {
     /// Waits until a run is known, with heartbeats. False: the time is over, or this process was asked to end.
     pub fn await_run(&mut self, timeout: Duration) -> Result<bool> {
         let begun_ns = monotonic_ns();
-        let mut is_said = false;
         while self.run().is_none() {
-            let waited = Duration::from_nanos(monotonic_ns() - begun_ns);
-            if self.is_stopping() || waited > timeout {
+            let now_ns = monotonic_ns();
+            if self.is_stopping() || Duration::from_nanos(now_ns - begun_ns) > timeout {
                 return Ok(false);
             }
-            if waited > Topic::SILENCE_MAX && !is_said {
-                is_said = true;
-                let reason = "waiting for the run: no pipeline and no ingest is running";
+            // Over the calls, which may be shorter than the silence.
+            let (since_ns, is_said) = self.silence.get_or_insert((begun_ns, false));
+            let is_long = Duration::from_nanos(now_ns - *since_ns) > Topic::SILENCE_MAX;
+            if is_long && !std::mem::replace(is_said, true) {
+                let name = self.instance().name();
+                let reason = format!(
+                    "waiting for the run: no pipeline and no ingest is running as '{name}'"
+                );
                 tracing::info!("{reason}");
-                self.state(HealthState::WaitingInput, reason)?;
+                self.state(HealthState::WaitingInput, &reason)?;
             }
             self.tick()?;
+            if self.run().is_some() {
+                self.silence = None;
+            }
             std::thread::sleep(RUN_POLL);
         }
         Ok(true)

@@ -32,7 +32,7 @@ enum Command {
     },
     /// Write points, objects and states to an MCAP file (ROS 2 messages) until Ctrl-C.
     Record {
-        /// A file that does not exist yet.
+        /// A file that does not exist yet; `mluc up` and `replay` read it where its name ends in .mcap.
         #[arg(long)]
         out: PathBuf,
         /// The features and detections of each frame too, so that `mluc replay --from` can begin behind a stage: some MB a frame.
@@ -41,9 +41,16 @@ enum Command {
     },
 }
 
-fn main() -> anyhow::Result<ExitCode> {
+fn main() -> ExitCode {
     let cli = Cli::parse();
     log_to_stderr("view", "info");
+    run(cli).unwrap_or_else(|error| {
+        tracing::error!("{error:#}");
+        ExitCode::FAILURE
+    })
+}
+
+fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     let follower = Follower::open(cli.instance)?;
     match &cli.command {
         Command::View { port } => server::view(follower, *port),

@@ -85,7 +85,7 @@ pub(crate) fn record(mut follower: Follower, out: &Path, has_stages: bool) -> Re
         without_stages,
         "recorded {path}"
     );
-    let is_whole = missed + without_points + without_stages == 0;
+    let is_whole = frames > 0 && missed + without_points + without_stages == 0;
     Ok(ExitCode::from(if is_whole { 0 } else { EXIT_WARNINGS }))
 }
 

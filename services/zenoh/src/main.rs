@@ -1,7 +1,7 @@
 //! The program `mluc-zenoh`, which `mluc zenoh` starts: objects and states of a running pipeline to other computers. Nothing in the
 //! pipeline waits for it, and it waits for no network: what a link does not take is dropped.
 
-use std::path::PathBuf;
+use std::{path::PathBuf, process::ExitCode};
 
 use anyhow::anyhow;
 use clap::{ArgGroup, Parser};
@@ -70,10 +70,20 @@ fn told<T>(what: &str, done: zenoh::Result<T>) -> anyhow::Result<T> {
     done.map_err(|error| anyhow!("{what}: {error}"))
 }
 
-fn main() -> anyhow::Result<()> {
+fn main() -> ExitCode {
     let cli = Cli::parse();
     let filter = "info,zenoh=warn,zenoh_transport=error,zenoh_link=error";
     log_to_stderr("zenoh", filter);
+    run(&cli).map_or_else(
+        |error| {
+            tracing::error!("{error:#}");
+            ExitCode::FAILURE
+        },
+        |()| ExitCode::SUCCESS,
+    )
+}
+
+fn run(cli: &Cli) -> anyhow::Result<()> {
     let mut follower = Follower::open(cli.instance.clone())?;
     let config = told("--connect, --listen, --config", cli.zenoh())?;
     let session = told("opening a zenoh session", zenoh::open(config).wait())?;

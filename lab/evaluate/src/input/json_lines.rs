@@ -4,7 +4,7 @@
 
 use crate::{EvaluateError, Result, SensorDetection};
 use mluc_ipc_types::WIRE_VERSION;
-use serde::Deserialize;
+use serde::{Deserialize, de::IgnoredAny};
 use std::io::{BufRead, BufReader, Read};
 use std::{collections::BTreeMap, path::Path};
 
@@ -17,6 +17,13 @@ struct Line {
     wire: Option<u32>,
     frame: String,
     objects: Vec<SensorDetection>,
+}
+
+/// What `mluc up --status-lines` writes between the frames.
+#[derive(Deserialize)]
+struct StatusLine {
+    #[serde(rename = "status")]
+    _status: IgnoredAny,
 }
 
 /// Reads JSON lines: detections by frame name. A frame that comes twice is an error, as is a line cut short.
@@ -42,7 +49,10 @@ pub fn read_json_lines(path: &Path) -> Result<BTreeMap<String, Vec<SensorDetecti
         if bytes.trim_ascii().is_empty() {
             continue;
         }
-        let line = parse(&bytes).map_err(&fault)?;
+        let line = match parse(&bytes) {
+            Err(_) if serde_json::from_slice::<StatusLine>(&bytes).is_ok() => continue,
+            line => line.map_err(&fault)?,
+        };
         if frames.contains_key(&line.frame) {
             let expected = "field frame: expected each frame once";
             return Err(fault(format!("{expected}, found '{}' again", line.frame)));
@@ -91,7 +101,10 @@ mod tests {
     #[test]
     fn takes_objects_and_passes_over_the_rest() {
         let good = good();
-        let frames = read_text(&format!("{good}\n\n")).expect("a frame");
+        let frames = read_text(&format!(
+            "{good}\n{{\"status\":{{\"state\":\"blind\"}}}}\n\n"
+        ))
+        .expect("a frame");
         let place = Box3::new([10.0, 1.0, -1.0, 4.0, 2.0, 1.5, 0.1]);
         assert_eq!(frames["000008"], [SensorDetection::unknown(0.5, place)]);
         assert!(read_text("").expect("nothing").is_empty());

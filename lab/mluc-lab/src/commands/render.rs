@@ -72,6 +72,11 @@ impl RenderArguments {
 
     fn scans(&self) -> anyhow::Result<Vec<PathBuf>> {
         if !self.scan.is_dir() {
+            let path = self.scan.display();
+            ensure!(
+                self.scan.exists(),
+                "{path}: expected a scan or a folder of scans, found nothing"
+            );
             return Ok(vec![self.scan.clone()]);
         }
         let dataset = Dataset::open(&self.scan)?;

@@ -1,5 +1,6 @@
 //! A pipeline as its consumers see it: what `status`, `top` and `monitor` show.
 
+use anyhow::ensure;
 pub(super) use mluc_gateway::lines::{counted, health_state as state};
 use mluc_gateway::lines::{stage_words, status_words};
 use mluc_ipc_types::{Health, Stage, Status, StatusState};
@@ -34,6 +35,14 @@ pub(super) struct Snapshot {
 pub(super) fn instance(name: Option<&str>) -> Result<Instance, UsageError> {
     let instance = name.map_or_else(Instance::from_environment, Instance::new);
     instance.map_err(|error| UsageError(error.to_string()))
+}
+
+/// Refuses a name under which nothing runs.
+pub(super) fn running(name: Option<&str>) -> anyhow::Result<Instance> {
+    let instance = instance(name)?;
+    let (root, name) = (instance.root(), instance.name());
+    ensure!(root.exists(), "no pipeline runs under the name '{name}'");
+    Ok(instance)
 }
 
 impl Observer {

@@ -2,11 +2,10 @@
 
 use std::{process::ExitCode, time::Duration};
 
-use anyhow::bail;
 use mluc_ipc_types::{CandidateCounts, Health, Stage};
 use mluc_runtime::log_to_stderr;
 
-use super::observe::{Observer, Snapshot, counted, instance, state};
+use super::observe::{Observer, Snapshot, counted, running, state};
 use crate::terminal::print_out;
 
 /// Three heartbeats.
@@ -14,11 +13,7 @@ pub(super) const LISTEN: Duration = Duration::from_millis(350);
 
 pub(crate) fn status(name: Option<&str>, is_json: bool) -> anyhow::Result<ExitCode> {
     log_to_stderr("status", "warn");
-    let instance = instance(name)?;
-    if !instance.root().exists() {
-        bail!("no pipeline runs under the name '{}'", instance.name());
-    }
-    let mut observer = Observer::open(&instance)?;
+    let mut observer = Observer::open(&running(name)?)?;
     std::thread::sleep(LISTEN);
     let snapshot = observer.look()?;
     if is_json {

@@ -5,7 +5,7 @@ use std::{io::IsTerminal, process::ExitCode, time::Duration};
 use mluc_ipc_types::{Health, HealthState, Stage};
 use mluc_runtime::{log_to_stderr, monotonic_ns, wall_clock_ns};
 
-use super::observe::{Observer, Snapshot, instance};
+use super::observe::{Observer, Snapshot, instance, running};
 use super::status::{HEAD, LISTEN, row};
 use crate::terminal::print_out;
 
@@ -20,7 +20,12 @@ const CLEAR: &str = "\x1b[2J\x1b[H";
 
 pub(crate) fn top(name: Option<&str>, is_once: bool) -> anyhow::Result<ExitCode> {
     log_to_stderr("top", "warn");
-    let mut observer = Observer::open(&instance(name)?)?;
+    let named = if is_once {
+        running(name)
+    } else {
+        Ok(instance(name)?)
+    };
+    let mut observer = Observer::open(&named?)?;
     let is_screen = std::io::stdout().is_terminal() && !is_once;
     let clear = if is_screen { CLEAR } else { "" };
     let mut complaints = Complaints::default();

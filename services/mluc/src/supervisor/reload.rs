@@ -159,10 +159,13 @@ impl Supervisor {
     /// Refuses what may not change, by name.
     fn changed_keys(&self, new: &Settings, model: &Model) -> anyhow::Result<Vec<String>> {
         let mut changed = Vec::new();
+        let has_pace = self.settings.pace == new.pace;
         let [old, new] = [&self.settings, new].map(Table::try_from);
         find_changes(&old?, &new?, "", &mut changed);
         // The settings name a copy.
         changed.retain(|key| key != "model");
+        // Its default goes with the pace, which is the key that somebody changed.
+        changed.retain(|key| key != "budget_ms" || has_pace);
         // A replay has none, whatever a file says.
         changed.retain(|key| key != "loop" || self.settings.repeat);
         if model.fingerprint != self.run.model_fingerprint {

@@ -395,7 +395,12 @@ impl Facts {
         if self.is_ground_lost {
             return (Degraded, "the ground is not found any more".to_string());
         }
-        let is_complaint = |name: &&str| COMPLAINTS.contains(name) || name.starts_with("suspect_");
+        // What was left out, where something was.
+        let is_cut = newest.flags.contains(Flags::DEGRADED);
+        let is_complaint = |name: &&str| {
+            let is_why = name.starts_with("suspect_") || (is_cut && *name == "limit_work");
+            is_why || COMPLAINTS.contains(name)
+        };
         let complaints: Vec<_> = newest.flags.names().filter(is_complaint).collect();
         if !complaints.is_empty() {
             return (Degraded, format!("flags: {}", complaints.join(", ")));
@@ -486,6 +491,7 @@ mod tests {
             let flags = match change {
                 "empty" => Flags::EMPTY,
                 "suspect" => Flags::SUSPECT_HEIGHT,
+                "slow refiner" => Flags::DEGRADED.with(Flags::LIMIT_WORK),
                 _ => Flags::default(),
             };
             let mut facts = facts(flags, if change == "slow" { 1_500 } else { 100 });

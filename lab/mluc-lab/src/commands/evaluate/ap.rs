@@ -3,7 +3,7 @@
 use super::{compared::Compared, warn_unrecognized};
 use crate::commands::terminal::{print_err, print_out};
 use clap::Args;
-use mluc_evaluate::{Breakdown, UnknownProtocol, evaluate, input::rings, unevaluated};
+use mluc_evaluate::{Breakdown, ClassReport, UnknownProtocol, evaluate, input::rings, unevaluated};
 use std::path::PathBuf;
 
 /// Average precision as KITTI's object devkit computes it, and open-set figures.
@@ -52,6 +52,14 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
         let class = &class.rule.name;
         print_err(format_args!(
             "warning: no label of class {class} counts at moderate: its AP is 0 and means nothing"
+        ));
+    }
+    // The devkit's: a position of recall needs a found label of its own.
+    let few = |class: &&ClassReport| (1..41).contains(&class.main().truth_count);
+    for class in report.classes.iter().filter(few) {
+        let (class, count) = (&class.rule.name, class.main().truth_count);
+        print_err(format_args!(
+            "warning: {count} labels of class {class} count at moderate: with fewer than 41, R11 and R40 are capped; read `AP all points`"
         ));
     }
     let mut breakdowns = vec![Breakdown::by_range(&input.frames, &rules)];

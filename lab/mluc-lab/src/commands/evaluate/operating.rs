@@ -1,8 +1,9 @@
 //! `mluc-lab evaluate operating`: how many objects a scan are false, and how many labels are found.
 
 use super::{compared::Compared, warn_unrecognized};
-use crate::commands::terminal::print_out;
+use crate::commands::terminal::{print_err, print_out};
 use clap::Args;
+use mluc_dataset::Label;
 use mluc_evaluate::{Breakdown, ClassRule, Operating, Tracks, UnknownProtocol};
 
 /// Objects a scan and an hour at 10 Hz, how many of them lie on no label, and recall: as published, and as a curve over the score.
@@ -26,7 +27,15 @@ pub(super) fn run(arguments: OperatingArguments) -> anyhow::Result<()> {
     let (_, input) = arguments.compared.read(&[])?;
     let mut rules = (arguments.compared).rules(&input, UnknownProtocol::default())?;
     let labels = input.frames.iter().flat_map(|frame| frame.labels.iter());
-    warn_unrecognized(labels, &rules);
+    warn_unrecognized(labels.clone(), &rules);
+    for name in &arguments.compared.request.classes {
+        let is_of = |label: &Label| label.class.eq_ignore_ascii_case(name);
+        if !labels.clone().any(is_of) {
+            print_err(format_args!(
+                "warning: --classes {name}: no label is of this class; misspelt?"
+            ));
+        }
+    }
     let operating = Operating::of(&input.frames, &input.counts, &rules);
     let tracks = Tracks::of(&input.frames, &input.counts, &rules);
     // Each class that is merged into the unknown by itself, too: what lies on another of them is neither right nor wrong.

@@ -54,11 +54,14 @@ pub(super) fn findings(
         estimator.look(&points[..kept], report.dropped_not_finite);
     }
     let found = estimator.estimate();
-    let mut reasons = Vec::new();
-    expected.judge(found, &mut reasons);
-    let told = [about_scans, about_beams, about_mounting];
-    let mut findings = Vec::from(told.map(|about| (Fine, about(found))));
-    findings.push((Fine, about_model(expected)));
+    let (mut reasons, mut findings) = (Vec::new(), Vec::new());
+    let sees_nothing = found.points == 0 || found.zero_share >= 1.0;
+    if found.points > 0 {
+        expected.judge(found, &mut reasons);
+        let told = [about_scans, about_beams, about_mounting];
+        findings.extend(told.map(|about| (Fine, about(found))));
+        findings.push((Fine, about_model(expected)));
+    }
     findings.extend(reasons.iter().map(|reason| (Warning, reason.to_string())));
     if !damaged.is_empty() {
         let text = format!(
@@ -67,18 +70,19 @@ pub(super) fn findings(
         );
         findings.push((Warning, text));
     }
-    if found.points == 0 {
+    if sees_nothing {
         let silence = source.silence().unwrap_or_default();
-        let text = if source.is_live() {
+        let text = if source.is_live() && found.points == 0 {
             format!("no scan of a known sensor came within 5 s: does it send here? {silence}")
         } else {
-            "no points in these scans: are the columns as --columns says?".to_string()
+            "no returns in these scans: are they scans, with the columns that --columns says?"
+                .to_string()
         };
         findings.push((Failure, text));
     }
     let command = match reasons[..] {
-        [] => command(found, expected),
-        _ => "first do what the warnings say".to_string(),
+        [] if !sees_nothing => command(found, expected),
+        _ => "first do what is said above".to_string(),
     };
     findings.push((Fine, format!("to use: {command}")));
     Ok(findings)

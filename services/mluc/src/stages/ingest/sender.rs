@@ -151,11 +151,15 @@ impl Sender<'_> {
         is_set_aside: bool,
         end_ns: u64,
     ) -> anyhow::Result<bool> {
+        let mut is_said = false;
         loop {
             match self.read(sequence, is_set_aside)? {
                 Next::Scan => return Ok(true),
                 Next::NotYet if !self.shell.is_stopping() && monotonic_ns() < end_ns => {
                     if let Some(reason) = self.source.silence() {
+                        if !std::mem::replace(&mut is_said, true) {
+                            tracing::warn!("{reason}");
+                        }
                         self.shell.state(HealthState::Degraded, &reason)?;
                     }
                     self.shell.tick()?;
