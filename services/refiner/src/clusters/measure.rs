@@ -20,7 +20,7 @@ pub struct Measures {
     pub points: u32,
     /// From the sensor's axis to the mean of its points, m.
     pub range_m: f32,
-    /// Between two beams at its range, m, at most [`GAP_MAX_M`]: its top may lie this much higher. Where the model has no beams, as if columns were as far apart as an HDL-64E's.
+    /// Between two beams at its range, m, at most half a metre: its top may lie this much higher. Where the model has no beams, as if columns were as far apart as an HDL-64E's.
     pub beam_gap_m: f32,
     /// Length, width (of the tight rectangle) and height of what was seen, m.
     pub seen_m: [f32; 3],
