@@ -37,6 +37,12 @@ fn warn_unrecognized<'a>(labels: impl Iterator<Item = &'a Label>, rules: &[Class
     }
 }
 
+fn warn_unlabelled(option: &str, class: &str) {
+    print_err(format_args!(
+        "warning: --{option} {class}: no label is of this class; misspelt?"
+    ));
+}
+
 /// The classes given with --unknown; `unseen` is those unseen classes of the simulator that are labelled. A class without labels is a warning, labels of none of them an
 /// error.
 fn unknown_labelled<'a>(
@@ -58,9 +64,7 @@ fn unknown_labelled<'a>(
         labelled.into_iter().collect::<Vec<_>>().join(", ")
     );
     for name in missing {
-        print_err(format_args!(
-            "warning: --unknown {name}: no label is of this class; misspelt?"
-        ));
+        warn_unlabelled("unknown", name);
     }
     Ok(unknown)
 }

@@ -1,7 +1,7 @@
 //! `mluc-lab evaluate operating`: how many objects a scan are false, and how many labels are found.
 
-use super::{compared::Compared, warn_unrecognized};
-use crate::commands::terminal::{print_err, print_out};
+use super::{compared::Compared, warn_unlabelled, warn_unrecognized};
+use crate::commands::terminal::print_out;
 use clap::Args;
 use mluc_dataset::Label;
 use mluc_evaluate::{Breakdown, ClassRule, Operating, Tracks, UnknownProtocol};
@@ -31,9 +31,7 @@ pub(super) fn run(arguments: OperatingArguments) -> anyhow::Result<()> {
     for name in &arguments.compared.request.classes {
         let is_of = |label: &Label| label.class.eq_ignore_ascii_case(name);
         if !labels.clone().any(is_of) {
-            print_err(format_args!(
-                "warning: --classes {name}: no label is of this class; misspelt?"
-            ));
+            warn_unlabelled("classes", name);
         }
     }
     let operating = Operating::of(&input.frames, &input.counts, &rules);
