@@ -13,6 +13,8 @@ pub(crate) struct Candidate {
     pub(crate) anchor: u32,
     /// Where the row stands among the rows that hold a candidate.
     pub(crate) place: u32,
+    /// Logit of the unknown, where the head has one.
+    pub(crate) unknown: Option<f32>,
 }
 
 pub(crate) fn sigmoid(x: f32) -> f32 {
@@ -38,6 +40,7 @@ pub(crate) fn select(
         row: (number / anchors) as u32,
         anchor: (number % anchors) as u32,
         place: 0,
+        unknown: None,
     });
     candidates.extend(passed.filter(|candidate| candidate.objectness >= objectness_min));
     let found = candidates.len();

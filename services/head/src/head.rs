@@ -1,6 +1,6 @@
 //! Feature rows to detections: the stage as one function.
 
-use mluc_geometry::{Box3, ground::ground_height_m, nms_into};
+use mluc_geometry::{Box3, ground::ground_height_m, iou_bev, nms_into};
 use mluc_ipc_types::{Detection, DetectionKind, GateKind, NO_PROBABILITY};
 use mluc_kernels::Gather;
 use mluc_model::{HeadKind, Manifest, Thresholds, WeightSet};
@@ -9,6 +9,7 @@ use crate::candidates::{Candidate, reduce_classes, select, sigmoid};
 use crate::convolutions::{RowHead, RowHeads, read_all};
 use crate::decode::{Anchors, BOX_CODES, decode, direct};
 use crate::gate::{gate_by, is_unknown, threshold_of};
+use crate::vote::{VOTE_IOU_MIN, Votes};
 use crate::{HeadCounts, HeadError};
 use crate::{memory::Memory, prototypes::Prototypes};
 
@@ -81,6 +82,7 @@ impl Head {
         self.drop_generic_on_known();
         let non_finite = self.decode_boxes(cells);
         self.suppress();
+        self.vote();
         let boxes_max_reached = self.frame.kept.len() as u32 == self.thresholds.boxes_max;
         let kept = &self.frame.kept;
         let described = kept.iter().map(|index| self.describe(*index, cells));
@@ -174,14 +176,17 @@ impl Head {
         heads.direction.run(rows, which, &mut frame.directions);
         if let Some(unknown) = &heads.unknown {
             unknown.run(rows, which, &mut frame.unknown);
+            for candidate in &mut frame.candidates {
+                candidate.unknown = Some(frame.unknown[candidate.place as usize]);
+            }
         }
     }
 
     /// Takes out candidates of anchors without a class in cells that hold a known object, which has anchors of its class.
     fn drop_generic_on_known(&mut self) {
         if self.kind == HeadKind::Open {
-            let (candidates, unknown) = (&mut self.frame.candidates, &self.frame.unknown);
-            let is_known = |c: &Candidate| unknown[c.place as usize] <= 0.0;
+            let is_known = |c: &Candidate| c.unknown.is_some_and(|logit| logit <= 0.0);
+            let candidates = &mut self.frame.candidates;
             candidates.retain(|c| c.class() < self.classes || !is_known(c));
         }
     }
@@ -221,8 +226,7 @@ impl Head {
         let mut found = decode(&frame.codes[slot * BOX_CODES..][..BOX_CODES], &at)?;
         let bins = &frame.directions[slot * 2..][..2];
         found.yaw_rad = direct(found.yaw_rad, usize::from(bins[1] > bins[0]));
-        let unknown = frame.unknown.get(candidate.place as usize);
-        let mut values = self.embedding(candidate).iter().chain(unknown);
+        let mut values = self.embedding(candidate).iter().chain(&candidate.unknown);
         // False for NaN.
         let are_sound = values.all(|value| value.abs() < VALUE_MAX);
         are_sound.then_some(found)
@@ -244,11 +248,30 @@ impl Head {
         kept.extend_from_slice(generic);
     }
 
+    /// Every kept box, and its logit of the unknown, become the mean of their voters'. No kept box votes for another: they hardly overlap.
+    fn vote(&mut self) {
+        let Memory {
+            candidates,
+            boxes,
+            kept,
+            ..
+        } = &mut self.frame;
+        for &best in kept.iter() {
+            let (own, first) = (candidates[best].class(), boxes[best]);
+            let mut votes = Votes::around(first);
+            for (candidate, voter) in candidates.iter().zip(boxes.iter()) {
+                if candidate.class() == own && iou_bev(voter, &first) >= VOTE_IOU_MIN {
+                    votes.add(voter, candidate.unknown, candidate.objectness.into());
+                }
+            }
+            (boxes[best], candidates[best].unknown) = votes.mean(candidates[best].unknown);
+        }
+    }
+
     fn describe(&self, index: usize, cells: &[u32]) -> Detection {
         let (candidate, found) = (&self.frame.candidates[index], &self.frame.boxes[index]);
         let f = self.embedding(candidate);
-        let unknown = self.frame.unknown.get(candidate.place as usize);
-        let unknown = unknown.map(|logit| sigmoid(*logit));
+        let unknown = candidate.unknown.map(sigmoid);
         let (mut scores, own) = (self.scores(f), candidate.class());
         let has_class = own < self.classes;
         let (class, share) = match self.kind {

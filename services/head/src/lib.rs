@@ -10,6 +10,7 @@ pub mod gate;
 mod head;
 mod memory;
 pub mod prototypes;
+mod vote;
 
 pub use head::{Head, stand_on_ground};
 pub use mluc_ipc_types::{Detection, DetectionKind};

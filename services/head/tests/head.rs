@@ -104,6 +104,25 @@ fn a_claimed_box_comes_out_with_its_class_direction_and_scores() -> Fallible {
 }
 
 #[test]
+fn a_weaker_box_of_the_same_object_moves_the_kept_one_and_another_class_does_not() -> Fallible {
+    let manifest = manifest(HeadKind::Metric, 0);
+    let mut head = Head::new(&manifest, &copying(&manifest))?;
+    let anchors = Anchors::new(&manifest);
+    let car = |x: f64| Box3::new([x, -0.9, -0.8, 4.2, 1.7, 1.5, 0.4]);
+    let mut rows = [(); 3].map(|()| quiet_row(&manifest, 6));
+    claim(&mut rows[0], &anchors, [40, 0], &car(3.0), 1.0);
+    claim(&mut rows[1], &anchors, [41, 1], &car(3.4), 0.0);
+    claim(&mut rows[2], &anchors, [42, 2], &car(2.8), 0.0);
+    let (found, _) = detect(&mut head, &[40, 41, 42], &rows.concat())?;
+    assert_eq!((found.len(), found[0].cell), (1, 40));
+    let weights = [1.0f64, 0.0].map(|logit| 1.0 / (1.0 + (-logit).exp()));
+    let expected = 3.0 + 0.4 * weights[1] / (weights[0] + weights[1]);
+    let x = f64::from(found[0].center_m[0]);
+    assert!((x - expected).abs() < 1e-4, "{x} is not {expected}");
+    Ok(())
+}
+
+#[test]
 fn damaged_rows_are_counted_and_limits_are_said() -> Fallible {
     let mut manifest = manifest(HeadKind::Metric, 0);
     manifest.thresholds.candidates_max = 5;
@@ -148,7 +167,7 @@ fn wrong_lengths_cells_and_models_are_refused_and_no_rows_are_fine() -> Fallible
 }
 
 #[test]
-fn random_rows_give_the_same_bits_with_one_and_two_threads_and_no_overlap() -> Fallible {
+fn random_rows_give_the_same_bits_with_one_and_two_threads_and_little_overlap() -> Fallible {
     let mut manifest = manifest(HeadKind::Metric, 0);
     manifest.thresholds.nms_iou = 0.2;
     let cells: Vec<u32> = (0..256).collect();
@@ -168,7 +187,8 @@ fn random_rows_give_the_same_bits_with_one_and_two_threads_and_no_overlap() -> F
     assert_eq!(bits, bytemuck::cast_slice::<_, u32>(&run(2)?));
     for (number, a) in found.iter().enumerate() {
         for b in &found[..number] {
-            assert!(iou_bev(&box_of(a), &box_of(b)) <= 0.2 + 1e-4);
+            // 0.2 before the vote.
+            assert!(iou_bev(&box_of(a), &box_of(b)) < 0.5);
             assert!(b.objectness >= a.objectness);
         }
     }
