@@ -86,13 +86,15 @@ pub fn intersection_over_min_area(a: &Box3, b: &Box3) -> f64 {
 /// Keeps a box when its rotated BEV IoU with every box kept before is at most `iou_max`.
 ///
 /// `order` holds indices into `boxes`, best first; indices beyond the boxes are passed over. `kept` is emptied, then takes
-/// at most `kept_max` indices, best first: no allocation when that is its capacity.
+/// at most `kept_max` indices, best first: no allocation when that is its capacity. `suppressed(number, index, iou)` is told
+/// of each box that the `number`-th kept one, the best of those that overlap it, keeps out.
 pub fn nms_into(
     boxes: &[Box3],
     order: &[usize],
     iou_max: f64,
     kept_max: usize,
     kept: &mut Vec<usize>,
+    mut suppressed: impl FnMut(usize, usize, f64),
 ) {
     kept.clear();
     for &index in order {
@@ -103,9 +105,10 @@ pub fn nms_into(
             continue;
         };
         // `iou_bev` rejects by circles around the boxes first, which settles nearly every pair of a scene.
-        let is_free = |&other: &usize| iou_bev(&boxes[other], candidate) <= iou_max;
-        if kept.iter().all(is_free) {
-            kept.push(index);
+        let overlaps = kept.iter().map(|&other| iou_bev(&boxes[other], candidate));
+        match overlaps.enumerate().find(|(_, iou)| *iou > iou_max) {
+            Some((number, iou)) => suppressed(number, index, iou),
+            None => kept.push(index),
         }
     }
 }
@@ -169,7 +172,7 @@ mod tests {
         let chain = [at(0.0, 0.0), at(3.0, 0.0), at(6.0, 0.0)];
         let kept = |boxes: &[Box3], order: &[usize], iou_max: f64, kept_max: usize| {
             let mut kept = vec![9];
-            nms_into(boxes, order, iou_max, kept_max, &mut kept);
+            nms_into(boxes, order, iou_max, kept_max, &mut kept, |_, _, _| ());
             kept
         };
         assert_eq!(kept(&pair, &[1, 0, 2], 0.1, 10), [1, 2]);

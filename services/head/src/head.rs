@@ -1,6 +1,6 @@
 //! Feature rows to detections: the stage as one function.
 
-use mluc_geometry::{Box3, ground::ground_height_m, iou_bev, nms_into};
+use mluc_geometry::{Box3, ground::ground_height_m, nms_into};
 use mluc_ipc_types::{Detection, DetectionKind, GateKind, NO_PROBABILITY};
 use mluc_kernels::Gather;
 use mluc_model::{HeadKind, Manifest, Thresholds, WeightSet};
@@ -233,38 +233,56 @@ impl Head {
     }
 
     /// Non-maximum suppression over all boxes with a class, whatever it is, then over those without one: they suppress each other alone and come last.
+    /// What a kept box keeps out votes for it, where it is near and of its class.
     fn suppress(&mut self) {
         let (frame, thresholds) = (&mut self.frame, &self.thresholds);
-        let (boxes, iou_max) = (&frame.boxes, thresholds.nms_iou.into());
-        let boxes_max = thresholds.boxes_max as usize;
-        let has_class = |index: &usize| frame.candidates[*index].class() < self.classes;
+        let (candidates, boxes) = (&frame.candidates, &frame.boxes);
+        let (iou_max, boxes_max) = (thresholds.nms_iou.into(), thresholds.boxes_max as usize);
+        let has_class = |index: &usize| candidates[*index].class() < self.classes;
         let (order, kept, generic) = (&mut frame.order, &mut frame.kept, &mut frame.generic);
+        let voters = &mut frame.voters;
+        voters.clear();
+        let mut poll = |number: usize, index: usize, iou: f64| {
+            if iou >= VOTE_IOU_MIN {
+                voters.push((number, index));
+            }
+        };
         order.clear();
         order.extend((0..boxes.len()).filter(has_class));
-        nms_into(boxes, order, iou_max, boxes_max, kept);
+        nms_into(boxes, order, iou_max, boxes_max, kept, &mut poll);
         order.clear();
         order.extend((0..boxes.len()).filter(|index| !has_class(index)));
-        nms_into(boxes, order, iou_max, boxes_max - kept.len(), generic);
+        let (first, left) = (kept.len(), boxes_max - kept.len());
+        nms_into(
+            boxes,
+            order,
+            iou_max,
+            left,
+            generic,
+            |number, index, iou| {
+                poll(first + number, index, iou);
+            },
+        );
         kept.extend_from_slice(generic);
     }
 
-    /// Every kept box, and its logit of the unknown, become the mean of their voters'. No kept box votes for another: they hardly overlap.
+    /// Every kept box, and its logit of the unknown, become the mean of their voters'.
     fn vote(&mut self) {
-        let Memory {
-            candidates,
-            boxes,
-            kept,
-            ..
-        } = &mut self.frame;
-        for &best in kept.iter() {
-            let (own, first) = (candidates[best].class(), boxes[best]);
-            let mut votes = Votes::around(first);
-            for (candidate, voter) in candidates.iter().zip(boxes.iter()) {
-                if candidate.class() == own && iou_bev(voter, &first) >= VOTE_IOU_MIN {
-                    votes.add(voter, candidate.unknown, candidate.objectness.into());
-                }
-            }
-            (boxes[best], candidates[best].unknown) = votes.mean(candidates[best].unknown);
+        let frame = &mut self.frame;
+        let (candidates, boxes) = (&mut frame.candidates, &mut frame.boxes);
+        let votes = &mut frame.votes;
+        votes.clear();
+        votes.extend(
+            frame
+                .kept
+                .iter()
+                .map(|best| Votes::of(&candidates[*best], &boxes[*best])),
+        );
+        for &(number, index) in &frame.voters {
+            votes[number].add(&candidates[index], &boxes[index]);
+        }
+        for (best, votes) in frame.kept.iter().zip(votes) {
+            (boxes[*best], candidates[*best].unknown) = votes.mean();
         }
     }
 
@@ -317,7 +335,7 @@ impl Head {
 
 impl Candidate {
     /// Its anchor's class; beyond the classes lie the sizes without one.
-    fn class(&self) -> usize {
+    pub(crate) fn class(&self) -> usize {
         Anchors::class(self.anchor as usize)
     }
 }

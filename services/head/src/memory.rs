@@ -6,6 +6,7 @@ use mluc_model::{HeadKind, Manifest};
 
 use crate::candidates::Candidate;
 use crate::decode::{Anchors, BOX_CODES};
+use crate::vote::Votes;
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory {
@@ -27,6 +28,10 @@ pub(crate) struct Memory {
     /// Indices of the kept boxes, best first; those without a class last.
     pub(crate) kept: Vec<usize>,
     pub(crate) generic: Vec<usize>,
+    /// Place among the kept boxes and index of a suppressed one that votes.
+    pub(crate) voters: Vec<(usize, usize)>,
+    /// For each kept box.
+    pub(crate) votes: Vec<Votes>,
 }
 
 impl Memory {
@@ -56,6 +61,8 @@ impl Memory {
             order: Vec::with_capacity(candidates),
             kept: Vec::with_capacity(candidates),
             generic: Vec::with_capacity(candidates),
+            voters: Vec::with_capacity(candidates),
+            votes: Vec::with_capacity(manifest.thresholds.boxes_max as usize),
         }
     }
 }

@@ -1,61 +1,70 @@
-//! Box voting: a kept box becomes the mean of the boxes around it (Gidaris and Komodakis, "Object detection via a
-//! multi-region & semantic segmentation-aware CNN model", section 4.3). Neighbouring anchors see the same object, each
-//! with an error of its own; so do their logits of the unknown.
+//! Box voting: a kept box becomes the mean of the boxes that it suppresses and its own (Gidaris and Komodakis, "Object
+//! detection via a multi-region & semantic segmentation-aware CNN model", section 4.3). Neighbouring anchors see the same
+//! object, each with an error of its own; so do their logits of the unknown.
 
+use crate::candidates::Candidate;
 use mluc_geometry::{Box3, limit_period};
 use std::f64::consts::{FRAC_PI_4, PI};
 
-/// Boxes of the same class that overlap a kept one by so much, seen from above, vote.
+/// A suppressed box votes where it overlaps the kept one by so much, seen from above.
 pub(crate) const VOTE_IOU_MIN: f64 = 0.5;
 
-/// The weighted mean of what differs from the first box: its centre, the logarithms of its sizes, its yaw; and of the logits of the unknown.
+/// Sums, weighted by objectness, of what differs from a kept box: the centre, the logarithms of the sizes, the yaw; and of
+/// the logits of the unknown.
+#[derive(Clone, Debug)]
 pub(crate) struct Votes {
-    first: Box3,
+    kept: Box3,
+    class: usize,
     weight: f64,
     sums: [f64; 7],
-    unknown: f64,
+    unknown: Option<f64>,
 }
 
 impl Votes {
-    pub(crate) fn around(first: Box3) -> Votes {
+    /// Of the kept box itself.
+    pub(crate) fn of(candidate: &Candidate, kept: &Box3) -> Votes {
+        let weight = f64::from(candidate.objectness);
         Votes {
-            first,
-            weight: 0.0,
+            kept: *kept,
+            class: candidate.class(),
+            weight,
             sums: [0.0; 7],
-            unknown: 0.0,
+            unknown: candidate.unknown.map(|logit| weight * f64::from(logit)),
         }
     }
 
-    /// A box that looks the other way is the same box; one that lies across has its length for a width, and no vote.
-    pub(crate) fn add(&mut self, voter: &Box3, unknown: Option<f32>, weight: f64) {
-        let first = &self.first;
-        let turn = limit_period(voter.yaw_rad - first.yaw_rad, 0.5, PI);
-        if turn.abs() > FRAC_PI_4 {
+    /// One that looks the other way is the same box. One of another class has no vote, nor one that lies across: its length is a width.
+    pub(crate) fn add(&mut self, candidate: &Candidate, voter: &Box3) {
+        let kept = &self.kept;
+        let turn = limit_period(voter.yaw_rad - kept.yaw_rad, 0.5, PI);
+        if candidate.class() != self.class || turn.abs() > FRAC_PI_4 {
             return;
         }
-        let [x, y, z] = [0, 1, 2].map(|i| voter.center_m[i] - first.center_m[i]);
-        let [l, w, h] = [0, 1, 2].map(|i| (voter.size_m[i] / first.size_m[i]).ln());
+        let weight = f64::from(candidate.objectness);
+        let [x, y, z] = [0, 1, 2].map(|i| voter.center_m[i] - kept.center_m[i]);
+        let [l, w, h] = [0, 1, 2].map(|i| (voter.size_m[i] / kept.size_m[i]).ln());
         for (sum, difference) in self.sums.iter_mut().zip([x, y, z, l, w, h, turn]) {
             *sum += weight * difference;
         }
-        self.unknown += weight * f64::from(unknown.unwrap_or(0.0));
+        if let (Some(sum), Some(logit)) = (&mut self.unknown, candidate.unknown) {
+            *sum += weight * f64::from(logit);
+        }
         self.weight += weight;
     }
 
-    /// Box and logit; `unknown`: the first box's, which has voted too.
-    pub(crate) fn mean(&self, unknown: Option<f32>) -> (Box3, Option<f32>) {
-        if self.weight <= 0.0 {
-            return (self.first, unknown);
-        }
-        let [x, y, z, l, w, h, turn] = self.sums.map(|sum| sum / self.weight);
-        let (moved, grown, first) = ([x, y, z], [l, w, h].map(f64::exp), &self.first);
+    /// The box and its logit.
+    pub(crate) fn mean(&self) -> (Box3, Option<f32>) {
+        let kept = &self.kept;
+        // An objectness may be too small for a number.
+        let weight = self.weight.max(f64::MIN_POSITIVE);
+        let [x, y, z, l, w, h, turn] = self.sums.map(|sum| sum / weight);
+        let (moved, grown) = ([x, y, z], [l, w, h].map(f64::exp));
         let mean = Box3 {
-            center_m: [0, 1, 2].map(|i| first.center_m[i] + moved[i]),
-            size_m: [0, 1, 2].map(|i| first.size_m[i] * grown[i]),
-            yaw_rad: limit_period(first.yaw_rad + turn, 0.5, 2.0 * PI),
+            center_m: [0, 1, 2].map(|i| kept.center_m[i] + moved[i]),
+            size_m: [0, 1, 2].map(|i| kept.size_m[i] * grown[i]),
+            yaw_rad: limit_period(kept.yaw_rad + turn, 0.5, 2.0 * PI),
         };
-        let logit = (self.unknown / self.weight) as f32;
-        (mean, unknown.map(|_| logit))
+        (mean, self.unknown.map(|sum| (sum / weight) as f32))
     }
 }
 
@@ -64,23 +73,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_mean_lies_between_by_weight_and_no_box_that_lies_across_counts() {
-        let first = Box3::new([20.0, 5.0, -0.8, 4.0, 1.6, 1.5, PI - 0.1]);
-        let mut votes = Votes::around(first);
-        votes.add(&first, Some(1.0), 0.9);
-        assert_eq!(votes.mean(None), (first, None));
+    fn the_mean_lies_between_by_weight_and_no_box_of_another_class_or_across_counts() {
+        let candidate = |objectness, anchor, unknown| Candidate {
+            objectness,
+            row: 0,
+            anchor,
+            place: 0,
+            unknown: Some(unknown),
+        };
+        let kept = Box3::new([20.0, 5.0, -0.8, 4.0, 1.6, 1.5, PI - 0.1]);
+        let mut votes = Votes::of(&candidate(0.9, 0, 1.0), &kept);
+        assert_eq!(votes.mean(), (kept, Some(1.0)));
         // A third of the weight, half a turn and 0.3 rad further on.
         let other = Box3::new([20.4, 5.0, -0.8, 4.4, 1.6, 1.5, 0.2]);
-        votes.add(&other, Some(-1.0), 0.45);
+        votes.add(&candidate(0.45, 1, -2.0), &other);
         let across = Box3::new([22.0, 5.0, -0.8, 4.0, 1.6, 1.5, PI / 2.0]);
-        votes.add(&across, Some(9.0), 0.9);
-        let (mean, unknown) = votes.mean(Some(1.0));
+        votes.add(&candidate(0.9, 1, 9.0), &across);
+        votes.add(&candidate(0.9, 2, 9.0), &other);
+        let (mean, unknown) = votes.mean();
         let expected = [20.0 + 0.4 / 3.0, 5.0, -0.8, 4.0 * 1.1f64.powf(1.0 / 3.0)];
         let [x, y, z] = mean.center_m;
         for (found, expected) in [x, y, z, mean.size_m[0]].into_iter().zip(expected) {
-            assert!((found - expected).abs() < 1e-9, "{mean:?}");
+            assert!((found - expected).abs() < 1e-6, "{mean:?}");
         }
         assert!((mean.yaw_rad.abs() - PI).abs() < 1e-6, "{mean:?}");
-        assert!((unknown.unwrap() - 1.0 / 3.0).abs() < 1e-6);
+        assert!(unknown.is_some_and(|logit| logit.abs() < 1e-6));
     }
 }
