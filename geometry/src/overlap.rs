@@ -86,8 +86,8 @@ pub fn intersection_over_min_area(a: &Box3, b: &Box3) -> f64 {
 /// Keeps a box when its rotated BEV IoU with every box kept before is at most `iou_max`.
 ///
 /// `order` holds indices into `boxes`, best first; indices beyond the boxes are passed over. `kept` is emptied, then takes
-/// at most `kept_max` indices, best first: no allocation when that is its capacity. `suppressed(number, index, iou)` is told
-/// of each box that the `number`-th kept one, the best of those that overlap it, keeps out.
+/// at most `kept_max` indices, best first: no allocation when that is its capacity. Until then `suppressed(number, index, iou)`
+/// is told of each box that overlaps a kept one: `number` is the place of the best such, whatever a later one overlaps.
 pub fn nms_into(
     boxes: &[Box3],
     order: &[usize],
@@ -180,6 +180,18 @@ mod tests {
         assert_eq!(kept(&pair, &[0, 1, 2], 0.1, 1), [0]);
         assert_eq!(kept(&pair, &[0, 1, 2], 0.99, 10), [0, 1, 2]);
         assert_eq!(kept(&chain, &[0, 1, 2], 0.0, 10), [0, 2]);
+        let mut told = vec![];
+        nms_into(
+            &chain,
+            &[0, 1, 2],
+            0.0,
+            10,
+            &mut vec![],
+            |number, index, _| {
+                told.push((number, index));
+            },
+        );
+        assert_eq!(told, [(0, 1)]);
         assert!(kept(&[], &[], 0.5, 10).is_empty());
         // An index beyond the boxes.
         assert_eq!(kept(&pair[..1], &[7, 0], 0.5, 10), [0]);

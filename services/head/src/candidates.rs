@@ -13,7 +13,7 @@ pub(crate) struct Candidate {
     pub(crate) anchor: u32,
     /// Where the row stands among the rows that hold a candidate.
     pub(crate) place: u32,
-    /// Logit of the unknown, where the head has one.
+    /// Logit of the unknown, where the head has one; of a kept box, after the vote, the mean.
     pub(crate) unknown: Option<f32>,
 }
 

@@ -66,7 +66,7 @@ impl Head {
     }
 
     /// Detects. `cells`: cell of the map (row * columns + column) of each row; `rows`: the channels, row after row.
-    /// `detections` becomes the kept boxes, the best objectness first; of an open head those of classes, then those of
+    /// `detections` becomes the kept boxes, each the mean of its own and its voters', the best objectness first; of an open head those of classes, then those of
     /// anchors without a class, which are candidate unknowns from the threshold `unknown_min` on and left out below.
     pub fn run(
         &mut self,
@@ -184,11 +184,9 @@ impl Head {
 
     /// Takes out candidates of anchors without a class in cells that hold a known object, which has anchors of its class.
     fn drop_generic_on_known(&mut self) {
-        if self.kind == HeadKind::Open {
-            let is_known = |c: &Candidate| c.unknown.is_some_and(|logit| logit <= 0.0);
-            let candidates = &mut self.frame.candidates;
-            candidates.retain(|c| c.class() < self.classes || !is_known(c));
-        }
+        let is_known = |c: &Candidate| c.unknown.is_some_and(|logit| logit <= 0.0);
+        let candidates = &mut self.frame.candidates;
+        candidates.retain(|c| c.class() < self.classes || !is_known(c));
     }
 
     /// The values that the scores of a candidate are made of: its cell's embedding, or its anchor's class logits.
@@ -233,7 +231,7 @@ impl Head {
     }
 
     /// Non-maximum suppression over all boxes with a class, whatever it is, then over those without one: they suppress each other alone and come last.
-    /// What a kept box keeps out votes for it, where it is near and of its class.
+    /// What a kept box keeps out may vote for it, where they overlap by [`VOTE_IOU_MIN`]; [`Votes::add`] says which do.
     fn suppress(&mut self) {
         let (frame, thresholds) = (&mut self.frame, &self.thresholds);
         let (candidates, boxes) = (&frame.candidates, &frame.boxes);
@@ -253,16 +251,8 @@ impl Head {
         order.clear();
         order.extend((0..boxes.len()).filter(|index| !has_class(index)));
         let (first, left) = (kept.len(), boxes_max - kept.len());
-        nms_into(
-            boxes,
-            order,
-            iou_max,
-            left,
-            generic,
-            |number, index, iou| {
-                poll(first + number, index, iou);
-            },
-        );
+        let poll_generic = |number: usize, index, iou| poll(first + number, index, iou);
+        nms_into(boxes, order, iou_max, left, generic, poll_generic);
         kept.extend_from_slice(generic);
     }
 
@@ -272,12 +262,8 @@ impl Head {
         let (candidates, boxes) = (&mut frame.candidates, &mut frame.boxes);
         let votes = &mut frame.votes;
         votes.clear();
-        votes.extend(
-            frame
-                .kept
-                .iter()
-                .map(|best| Votes::of(&candidates[*best], &boxes[*best])),
-        );
+        let of = |best: &usize| Votes::of(&candidates[*best], &boxes[*best]);
+        votes.extend(frame.kept.iter().map(of));
         for &(number, index) in &frame.voters {
             votes[number].add(&candidates[index], &boxes[index]);
         }

@@ -28,7 +28,7 @@ pub(crate) struct Memory {
     /// Indices of the kept boxes, best first; those without a class last.
     pub(crate) kept: Vec<usize>,
     pub(crate) generic: Vec<usize>,
-    /// Place among the kept boxes and index of a suppressed one that votes.
+    /// Place among the kept boxes, and index of a box it keeps out that may vote for it.
     pub(crate) voters: Vec<(usize, usize)>,
     /// For each kept box.
     pub(crate) votes: Vec<Votes>,

@@ -1,12 +1,12 @@
 //! Box voting: a kept box becomes the mean of the boxes that it suppresses and its own (Gidaris and Komodakis, "Object
 //! detection via a multi-region & semantic segmentation-aware CNN model", section 4.3). Neighbouring anchors see the same
-//! object, each with an error of its own; so do their logits of the unknown.
+//! object, each with an error of its own; their logits of the unknown err too.
 
 use crate::candidates::Candidate;
 use mluc_geometry::{Box3, limit_period};
 use std::f64::consts::{FRAC_PI_4, PI};
 
-/// A suppressed box votes where it overlaps the kept one by so much, seen from above.
+/// A suppressed box may vote from this overlap on, seen from above.
 pub(crate) const VOTE_IOU_MIN: f64 = 0.5;
 
 /// Sums, weighted by objectness, of what differs from a kept box: the centre, the logarithms of the sizes, the yaw; and of
@@ -55,16 +55,14 @@ impl Votes {
     /// The box and its logit.
     pub(crate) fn mean(&self) -> (Box3, Option<f32>) {
         let kept = &self.kept;
-        // An objectness may be too small for a number.
-        let weight = self.weight.max(f64::MIN_POSITIVE);
-        let [x, y, z, l, w, h, turn] = self.sums.map(|sum| sum / weight);
+        let [x, y, z, l, w, h, turn] = self.sums.map(|sum| sum / self.weight);
         let (moved, grown) = ([x, y, z], [l, w, h].map(f64::exp));
         let mean = Box3 {
             center_m: [0, 1, 2].map(|i| kept.center_m[i] + moved[i]),
             size_m: [0, 1, 2].map(|i| kept.size_m[i] * grown[i]),
             yaw_rad: limit_period(kept.yaw_rad + turn, 0.5, 2.0 * PI),
         };
-        (mean, self.unknown.map(|sum| (sum / weight) as f32))
+        (mean, self.unknown.map(|sum| (sum / self.weight) as f32))
     }
 }
 

@@ -229,10 +229,10 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     // 10 objectness, 3 embedding, 70 codes, 20 bins, 1 unknown.
     let mut row = quiet_row(&manifest, 10);
     row[10..13].copy_from_slice(&[0.5, 2.0, -0.3]);
-    // The car's first anchor and two of sizes without a class claim the same place; the last one is the surest.
-    for (anchor, logit) in [(0, 1.0), (7, 1.5), (8, 2.0)] {
+    // The car's first anchor and three of sizes without a class claim the same place; the third is the surest, the last of its size.
+    for (anchor, logit, ahead_m) in [(0, 1.0, 0.0), (7, 1.5, 0.1), (8, 2.0, 0.0), (9, 2.0, 0.3)] {
         let [x, y, _] = anchors.anchor(cell, anchor).center_m;
-        let found = Box3::new([x, y, -1.0, 3.0, 1.4, 1.9, 0.2]);
+        let found = Box3::new([x + ahead_m, y, -1.0, 3.0, 1.4, 1.9, 0.2]);
         claim(&mut row, &anchors, [cell, anchor], &found, logit);
     }
     let mut with_unknown = |logit: f32| {
@@ -243,12 +243,14 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     let have_class: Vec<bool> = detections.iter().map(Detection::has_class).collect();
     assert_eq!(have_class, [true, false]);
     assert!(detections[0].objectness < detections[1].objectness);
+    let moved_m = detections[1].center_m[0] - detections[0].center_m[0];
+    assert!((moved_m - 0.15).abs() < 1e-4, "one of its size votes");
     for d in detections {
         assert!(d.is_candidate() && d.class_id < 3);
         assert!((d.unknown_probability - 0.817_574_5).abs() < 1e-6);
         assert_eq!(d.embedding[..3], [0.5, 2.0, -0.3], "that of the cell");
     }
-    assert_eq!(with_unknown(1e9)?.1.non_finite, 3);
+    assert_eq!(with_unknown(1e9)?.1.non_finite, 4);
     // Too little doubt for the threshold, then a known object: the box without a class goes, the other is known.
     for logit in [0.3, -1.5] {
         let (detections, _) = with_unknown(logit)?;

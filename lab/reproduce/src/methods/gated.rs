@@ -5,7 +5,7 @@ use mluc_evaluate::SensorDetection;
 use mluc_evaluate::pipeline::{DetectedFrame, GatedObjects, ModelGate, THRESHOLDS, box_of};
 use mluc_head::Detection;
 
-/// Boxes below the threshold of a gate are unknown, as they are. Suppression among them changes nothing: the head's own already went over all boxes alike.
+/// Boxes below the threshold of a gate are unknown, as they are. Suppression among them changes next to nothing: the head's own went over all boxes alike before they voted.
 pub(super) fn as_they_are(input: &MethodInput, gate: ModelGate) -> GatedObjects {
     let thresholds = input.thresholds(gate, input.frames, THRESHOLDS);
     let classes = input.model.manifest.class_names();
