@@ -72,6 +72,9 @@ pub struct SensorProfile {
     /// Azimuth of each beam against the column's, degrees; empty: none differs.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub azimuth_offsets_deg: Vec<f32>,
+    /// Where each beam begins, above the sensor's origin, m; empty: all there.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub origin_heights_m: Vec<f32>,
     /// Between columns, degrees.
     pub azimuth_step_deg: f32,
     /// Middle and width of the horizontal field, degrees, counter-clockwise from ahead; a full turn where absent.
@@ -157,11 +160,13 @@ impl SensorProfile {
             fine.then_some(()).ok_or_else(fault)
         };
         within("elevations_deg (beams)", beams as f32, 1.0, 256.0)?;
-        let offsets = self.azimuth_offsets_deg.len();
-        if offsets != 0 && offsets != beams {
-            return Err(format!(
-                "azimuth_offsets_deg: expected none or {beams}, found {offsets}"
-            ));
+        for (list, found) in [
+            ("azimuth_offsets_deg", self.azimuth_offsets_deg.len()),
+            ("origin_heights_m", self.origin_heights_m.len()),
+        ] {
+            if found != 0 && found != beams {
+                return Err(format!("{list}: expected none or {beams}, found {found}"));
+            }
         }
         for &elevation in &self.elevations_deg {
             within("elevations_deg", elevation, -90.0, 90.0)?;
@@ -171,6 +176,9 @@ impl SensorProfile {
         }
         for &offset in &self.azimuth_offsets_deg {
             within("azimuth_offsets_deg", offset, -360.0, 360.0)?;
+        }
+        for &height_m in &self.origin_heights_m {
+            within("origin_heights_m", height_m, -1.0, 1.0)?;
         }
         within("azimuth_step_deg", self.azimuth_step_deg, 0.003, 2.0)?;
         let [middle, width] = self.field_deg.unwrap_or([0.0, 360.0]);

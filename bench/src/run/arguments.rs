@@ -45,6 +45,15 @@ pub(crate) struct RunArgs {
     /// f32, bf16 or int8.
     #[arg(long)]
     pub(crate) precision: Option<String>,
+    /// What is published: quiet, balanced or all [default: balanced].
+    #[arg(long)]
+    pub(crate) profile: Option<String>,
+    /// Known objects below this score are not published [default: the profile's].
+    #[arg(long)]
+    pub(crate) min_score: Option<String>,
+    /// Unknown objects below this score are not published [default: the profile's].
+    #[arg(long)]
+    pub(crate) min_unknown_score: Option<String>,
     /// Threads of one stage, STAGE=N.
     #[arg(long = "threads", value_name = "STAGE=N")]
     pub(crate) threads: Vec<String>,

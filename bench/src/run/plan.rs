@@ -53,10 +53,11 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    pub(crate) fn resolve(args: RunArgs) -> Result<Plan> {
+    pub(crate) fn resolve(mut args: RunArgs) -> Result<Plan> {
         let (document, table) = read_scenario(args.scenario.as_deref())?;
         let table = args.bench.over(table);
         let word = |key: &str| document.get(key)?.as_str().map(str::to_string);
+        args.profile = args.profile.or(word("profile"));
         if word("pace").as_deref() == Some("complete") {
             return usage(
                 "a measurement is open loop: pace = \"complete\" waits for the pipeline and hides its stalls; take it out of the scenario",
@@ -128,11 +129,18 @@ impl Plan {
     /// Options that `mluc up` and another `mluc bench` are given alike.
     pub(crate) fn shared_arguments(&self) -> Vec<String> {
         let (input, rate_hz) = (self.input.display().to_string(), self.rate_hz.to_string());
-        let precision = self.args.precision.iter().map(|word| ("--precision", word));
+        let optional = [
+            ("--precision", &self.args.precision),
+            ("--profile", &self.args.profile),
+            ("--min-score", &self.args.min_score),
+            ("--min-unknown-score", &self.args.min_unknown_score),
+        ];
+        let optional = optional.into_iter();
+        let optional = optional.flat_map(|(key, word)| word.iter().map(move |word| (key, word)));
         let threads = self.args.threads.iter().map(|word| ("--threads", word));
         let keys = ["--input", "--model", "--rate"].into_iter();
         let given = keys.zip([&input, &self.model_name, &rate_hz]);
-        let options = given.chain(precision).chain(threads);
+        let options = given.chain(optional).chain(threads);
         let words = options.flat_map(|(key, value)| [key.to_string(), value.clone()]);
         words.collect()
     }
@@ -163,6 +171,7 @@ impl Plan {
             "model_fingerprint": format!("{:016x}", self.model.fingerprint),
             "network": self.model.manifest.network.profile.to_string(),
             "precision": self.precision,
+            "profile": self.args.profile.as_deref().unwrap_or("balanced"),
             "refiner": self.refiner,
             "threads": self.args.threads,
             "stages": self.stages,

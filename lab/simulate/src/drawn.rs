@@ -134,6 +134,7 @@ fn lose_beams(profile: &mut SensorProfile, dice: &mut Dice) {
     for list in [
         &mut profile.elevations_deg,
         &mut profile.azimuth_offsets_deg,
+        &mut profile.origin_heights_m,
     ] {
         let mut kept = kept.iter();
         list.retain(|_| *kept.next().unwrap_or(&true));

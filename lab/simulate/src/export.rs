@@ -98,9 +98,7 @@ impl ExportOptions {
             return Err(DatasetError::unexpected(expected, "single frames", found));
         }
         let is_any = self.family == Family::SimAny;
-        let has_profile = is_any || self.sensor.is_some() || self.scanned_by.is_some();
         let applies = |step: &Step| match step {
-            Step::Rings | Step::Noise => !has_profile,
             Step::Street => is_any,
             Step::Weather => is_any && self.sequence.is_none(),
             _ => true,

@@ -93,8 +93,8 @@ pub(crate) fn place_objects<'a>(
 
 impl Layout<'_> {
     fn model(&self, class: Class, dice: &mut Dice) -> Model {
-        let (family, realism) = (self.stream.family, self.stream.realism);
-        let mut model = build(class, family, realism, dice);
+        let family = self.stream.family;
+        let mut model = build(class, family, dice);
         if class == Class::SyntheticUnknown {
             // Not of the size of what is known beside the family's classes either.
             let sizes = self.stream.also_known().map(|c| mean_size_m(c, family));
@@ -104,7 +104,7 @@ impl Layout<'_> {
                 if !has_known_size(size(&model), &sizes) {
                     break;
                 }
-                model = build(class, family, realism, dice);
+                model = build(class, family, dice);
             }
         }
         model

@@ -310,11 +310,8 @@ fn turn(
     let sensor_key = random::hash(&[key, 5]);
     let is_drawn = sensor.or(by).is_none();
     let mut sensor = match by.or(profile.as_ref()) {
-        Some(profile) => {
-            let drops = stream.realism.has(Step::Drop);
-            sensor::Sensor::of(profile, drawn::JITTER_DEG, sensor_key, drops)
-        }
-        None => sensor::Sensor::new(sensor_key, family == Family::SimKitti, stream.realism),
+        Some(profile) => sensor::Sensor::of(profile, drawn::JITTER_DEG, sensor_key),
+        None => sensor::Sensor::new(sensor_key, family == Family::SimKitti),
     };
     if let (Some(ego), None) = (&ego, turn) {
         let is_merged = profile.as_ref().is_some_and(|p| !p.units.is_empty());

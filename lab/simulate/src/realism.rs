@@ -1,19 +1,10 @@
-//! Steps that bring simulated scans closer to recorded ones. Each can be left out, to measure what it is worth.
+//! What stands around the objects of simulated scans, by kind. Each kind can be left out, to measure what it is worth.
 
 use std::fmt;
 
-/// One step from a plain simulator to this one.
+/// One step from a plain scene to these ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// The two blocks of lasers with their spacings and origins, each beam with its own elevation and phase. Without: 64 beams of one origin, evenly spaced and
-    /// fired at once.
-    Rings,
-    /// Noise of range, azimuth and intensity, a bias a beam, points between two surfaces. Without: exact ranges, in steps of 2 mm.
-    Noise,
-    /// Returns that are lost: by chance, with range, at grazing incidence, in and through windows. Without: every surface in reach answers every ray.
-    Drop,
-    /// Objects of their class's spread of sizes, and labels that stand off. Without: objects of the mean size, labels of their exact extent.
-    Sizes,
     /// Things of a car's size that are none. Without: their place stays empty, as for each of the next four.
     Confusers,
     /// Houses, walls, fences, hedges and thickets along both sides of a road.
@@ -30,17 +21,14 @@ pub enum Step {
 
 impl Step {
     /// All steps, in the order in which they are measured.
-    pub const ALL: [Step; 10] = {
+    pub const ALL: [Step; 6] = {
         use Step::*;
-        [
-            Rings, Noise, Drop, Sizes, Confusers, Frontage, Furniture, Vegetation, Street, Weather,
-        ]
+        [Confusers, Frontage, Furniture, Vegetation, Street, Weather]
     };
 
     /// The step's name on the command line.
     pub fn name(self) -> &'static str {
-        const NAMES: &str =
-            "rings noise drop sizes confusers frontage furniture vegetation street weather";
+        const NAMES: &str = "confusers frontage furniture vegetation street weather";
         NAMES.split(' ').nth(self as usize).unwrap_or_default()
     }
 }
@@ -68,7 +56,7 @@ impl Realism {
     }
 }
 
-/// What is left out, for a person: nothing, or ` without rings, noise`.
+/// What is left out, for a person: nothing, or ` without frontage, furniture`.
 impl fmt::Display for Realism {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let left_out = Step::ALL.into_iter().filter(|step| !self.has(*step));
@@ -82,7 +70,6 @@ impl fmt::Display for Realism {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{block, flat};
     use super::super::*;
     use super::*;
     use std::collections::HashSet;
@@ -102,11 +89,6 @@ mod tests {
         point.map(f32::to_bits)
     }
 
-    fn boxes(frame: &SimulatedFrame) -> Vec<(Class, Box3)> {
-        let objects = frame.objects.iter();
-        objects.map(|o| (o.class, o.box_in_sensor)).collect()
-    }
-
     #[test]
     fn every_step_changes_frames() {
         for step in Step::ALL {
@@ -115,33 +97,6 @@ mod tests {
             let is_changed = |i| frame_of(family, &[step], i) != frame_of(family, &[], i);
             let changed = (0..60).any(is_changed);
             assert!(changed, "{step:?} changes nothing");
-        }
-    }
-
-    #[test]
-    fn without_drop_every_ray_comes_back_from_the_first_surface() {
-        let (plain, usual) = (frame_without(&[Step::Drop], 0), frame_without(&[], 0));
-        assert!(plain.points.len() > usual.points.len() * 103 / 100);
-        // Nothing of the sensor's measurements changes where a ray came back in both.
-        let of_plain: HashSet<_> = plain.points.iter().map(bits).collect();
-        let same = usual.points.iter().filter(|p| of_plain.contains(&bits(p)));
-        assert!(same.count() > usual.points.len() * 98 / 100);
-        let wall = block([20.0, 0.0, 0.0], [0.2, 30.0, 30.0]);
-        let sensor = sensor::Sensor::new(3, false, Realism::without(&[Step::Drop]));
-        let sweep = scan::sweep(&sensor, &flat(&[(&wall, 1)])).expect("a sweep");
-        let ended = sweep.ended_on.iter().flatten().count();
-        assert_eq!(sweep.points.len(), ended);
-    }
-
-    #[test]
-    fn without_noise_or_rings_the_scene_stays() {
-        for step in [Step::Noise, Step::Rings] {
-            let (plain, usual) = (frame_without(&[step], 2), frame_without(&[], 2));
-            assert_ne!(plain.points, usual.points);
-            let found = boxes(&plain);
-            let kept = boxes(&usual).iter().filter(|b| found.contains(b)).count();
-            // An object of one point may be lost.
-            assert!(kept + 1 >= usual.objects.len(), "{step:?}: {kept} kept");
         }
     }
 

@@ -75,7 +75,6 @@ pub(crate) fn trace(world: &Searchable, sensor: &Sensor, shot: Shot) -> Option<H
         let stops = match surface.kind {
             Kind::Solid => true,
             Kind::Porous(passes) => unit(bits) >= passes,
-            Kind::Glass if !sensor.drops => true,
             Kind::Glass if unit(bits) < sensor.glass[0] => false,
             Kind::Glass if unit(bits) < sensor.glass[0] + sensor.glass[1] => return None,
             Kind::Glass => true,
@@ -116,7 +115,7 @@ pub(crate) fn in_rain(sensor: &Sensor, rain: f32, shot: Shot, hit: Option<Hit>) 
 /// The point that comes back, or None when it is lost.
 fn returned(sensor: &Sensor, hit: Hit, neighbour: Option<Hit>, shot: Shot) -> Option<[f32; 4]> {
     let lost = drop_probability(sensor, hit.range_m, hit.rho, hit.cos_incidence);
-    if sensor.drops && unit(sensor.bits(Stream::Drop, shot)) < lost {
+    if unit(sensor.bits(Stream::Drop, shot)) < lost {
         return None;
     }
     let true_m = mixed(sensor, hit.range_m, neighbour, shot);

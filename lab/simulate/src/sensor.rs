@@ -4,11 +4,9 @@
 //!
 //! Elevations: nominal values of public calibrations (upper block 2.02 - 0.34 i deg, lower block -8.95 - 0.5084 j deg, 32 beams each), with a jitter of
 //! 0.05 deg a beam. Azimuth: 10 Hz, 0.1728 deg, 2083 columns a turn, each beam with its own phase. Range noise 2 cm, bias of 1 cm a beam, steps of 2 mm.
-//! Without the step `rings` or `noise` it is the sensor of its data sheet: 64 beams evenly over 26.8 degrees that measure exactly.
 
 use super::mesh::{V3, up, v};
 use super::random::{hash, normal, unit};
-use super::{Realism, Step};
 use mluc_geometry::Box3;
 use mluc_model::{BlindSector, SensorProfile, SensorUnit};
 use std::f32::consts::TAU;
@@ -28,9 +26,6 @@ const RANGE_STEP_M: f32 = 0.002;
 const ELEVATION_JITTER_DEG: f32 = 0.05;
 /// The lower block of lasers sits this far below the upper one, m.
 const BLOCK_OFFSET_M: f32 = 0.043;
-
-/// Highest and lowest beam of the data sheet, degrees.
-const FIELD_DEG: [f32; 2] = [2.0, -24.8];
 
 /// Of the HDL-64E's rays that meet glass, these shares go through and are lost.
 const GLASS: [f32; 2] = [0.9, 0.05];
@@ -151,8 +146,6 @@ pub(crate) struct Sensor {
     pub(crate) noise: Noise,
     /// How far a beam may look aside, rad: tilt, and parallax at 2 m.
     stray_rad: f32,
-    /// Whether surfaces swallow rays and windows pass them.
-    pub(crate) drops: bool,
     /// Of the rays that meet glass, the share that goes through, and the share that is lost there.
     pub(crate) glass: [f32; 2],
     /// Share of all hits that is lost for no visible reason.
@@ -171,27 +164,18 @@ pub(crate) struct Sensor {
 
 impl Sensor {
     /// The sensor of a frame; `half_turn` casts only the columns with x > 0.
-    pub(crate) fn new(key: u64, half_turn: bool, realism: Realism) -> Sensor {
+    pub(crate) fn new(key: u64, half_turn: bool) -> Sensor {
         let draw = |stream: Stream, beam: usize| hash(&[key, stream as u64, beam as u64]);
-        let is_noisy = realism.has(Step::Noise);
-        let noise = if is_noisy { NOISE } else { Noise::default() };
         let beam = |b: usize| {
-            let rings = realism.has(Step::Rings);
             let (nominal_deg, origin_z_m) = match b {
-                _ if !rings => {
-                    let [top, bottom] = FIELD_DEG;
-                    (top + (bottom - top) * b as f32 / (BEAMS - 1) as f32, 0.0)
-                }
                 0..32 => (2.02 - 0.34 * b as f32, 0.0),
                 _ => (-8.95 - 0.5084 * (b - 32) as f32, -BLOCK_OFFSET_M),
             };
-            let jitter_deg = if rings { ELEVATION_JITTER_DEG } else { 0.0 };
-            let elevation_deg = nominal_deg + jitter_deg * normal(draw(Stream::Elevation, b));
-            let phase = unit(draw(Stream::Phase, b));
+            let jitter_deg = ELEVATION_JITTER_DEG * normal(draw(Stream::Elevation, b));
             Beam {
-                elevation_rad: elevation_deg.to_radians(),
-                phase: if rings { phase } else { 0.5 },
-                bias_m: noise.beam_bias_m * normal(draw(Stream::Bias, b)),
+                elevation_rad: (nominal_deg + jitter_deg).to_radians(),
+                phase: unit(draw(Stream::Phase, b)),
+                bias_m: NOISE.beam_bias_m * normal(draw(Stream::Bias, b)),
                 wave_phase: 0.0,
                 origin: up(origin_z_m),
                 axes: axes(&SensorUnit::default()),
@@ -206,8 +190,7 @@ impl Sensor {
             first_column,
             column_count,
             range_m: RANGE_M,
-            noise,
-            drops: realism.has(Step::Drop),
+            noise: NOISE,
             glass: GLASS,
             base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, BEAMS)),
             ..Sensor::default()
@@ -215,7 +198,7 @@ impl Sensor {
     }
 
     /// A profile's sensor as it is in one frame: elevations stray by `jitter_deg`, as units of a type do.
-    pub(crate) fn of(profile: &SensorProfile, jitter_deg: f32, key: u64, drops: bool) -> Sensor {
+    pub(crate) fn of(profile: &SensorProfile, jitter_deg: f32, key: u64) -> Sensor {
         let draw = |stream: Stream, beam: usize| hash(&[key, stream as u64, beam as u64]);
         let mut noise = NOISE;
         noise.range_m = profile.range_noise_m;
@@ -232,24 +215,28 @@ impl Sensor {
         let beams_a_unit = profile.elevations_deg.len();
         let beam = |(number, unit): (usize, &SensorUnit), b: usize| {
             let id = number * beams_a_unit + b;
-            let offset_deg = profile.azimuth_offsets_deg.get(b).copied().unwrap_or(0.0);
+            let of_beam = |list: &[f32]| list.get(b).copied().unwrap_or(0.0);
+            let offset_deg = of_beam(&profile.azimuth_offsets_deg);
+            let axes = axes(unit);
             let jitter_deg = jitter_deg * normal(draw(Stream::Elevation, id));
             Beam {
                 elevation_rad: (profile.elevations_deg[b] + jitter_deg).to_radians(),
                 phase: 0.5 + offset_deg / profile.azimuth_step_deg,
                 bias_m: noise.beam_bias_m * normal(draw(Stream::Bias, id)),
                 wave_phase: 0.0,
-                origin: V3::from(unit.at_m),
-                axes: axes(unit),
+                origin: V3::from(unit.at_m) + axes[2] * of_beam(&profile.origin_heights_m),
+                axes,
             }
         };
         let beams = units.iter().enumerate().flat_map(|unit| {
             let beam = &beam;
             (0..beams_a_unit).map(move |b| beam(unit, b))
         });
+        let heights_m = profile.origin_heights_m.iter().map(|m| m.abs());
+        let highest_m = heights_m.fold(0.0, f32::max);
         let stray_rad = units.iter().map(|unit| {
             let tilt_deg = unit.pitch_deg.abs() + unit.roll_deg.abs();
-            tilt_deg.to_radians() + V3::from(unit.at_m).length() / 2.0
+            tilt_deg.to_radians() + (V3::from(unit.at_m).length() + highest_m) / 2.0
         });
         let [middle_deg, width_deg] = profile.field_deg.unwrap_or([0.0, 360.0]);
         let share = |deg: f32| (deg / profile.azimuth_step_deg).round() as usize;
@@ -265,7 +252,6 @@ impl Sensor {
             range_m: profile.range_m,
             stray_rad: stray_rad.fold(0.0, f32::max),
             noise,
-            drops,
             glass: [passes, 1.0 - passes - returns],
             base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, usize::MAX)),
             blind: profile.blind.clone(),
@@ -417,14 +403,9 @@ pub(crate) fn drop_probability(sensor: &Sensor, range_m: f32, rho: f32, cos_inci
 mod tests {
     use super::*;
 
-    fn degrees(sensor: &Sensor) -> Vec<f32> {
-        let beams = sensor.beams.iter();
-        beams.map(|beam| beam.elevation_rad.to_degrees()).collect()
-    }
-
     #[test]
     fn drop_grows_with_range_and_grazing() {
-        let mut sensor = Sensor::new(5, false, Realism::FULL);
+        let mut sensor = Sensor::new(5, false);
         sensor.base_drop = 0.03;
         let drop = |range_m, rho, cos| drop_probability(&sensor, range_m, rho, cos);
         assert!(drop(20.0, 0.4, 1.0) < 0.05);
@@ -437,7 +418,7 @@ mod tests {
         let mut profile = SensorProfile::load("vlp-16").expect("a product");
         profile.field_deg = Some([0.0, 120.0]);
         let strays = |out_of_step, beam| {
-            let mut sensor = Sensor::of(&profile, 0.0, 3, true);
+            let mut sensor = Sensor::of(&profile, 0.0, 3);
             assert!(sensor.is_sector());
             sensor.wave(0.05, 30.0, out_of_step);
             let rays = (0..sensor.column_count).map(|column| sensor.ray((beam, column)).1);
@@ -455,20 +436,25 @@ mod tests {
     }
 
     #[test]
-    fn a_product_waves_as_its_profile_says_and_nothing_comes_from_blind_sectors() {
+    fn a_product_waves_and_begins_as_its_profile_says_and_nothing_comes_from_blind_sectors() {
         let mut profile = SensorProfile::load("mid-360").expect("a product");
         profile.pitch_deg = 15.0;
+        profile.origin_heights_m = vec![0.1; profile.elevations_deg.len()];
         let (sin, cos) = profile.pitch_deg.to_radians().sin_cos();
         profile.blind = vec![BlindSector {
             azimuth_deg: [90.0, 60.0],
             below_deg: 20.0,
         }];
-        let sensor = Sensor::of(&profile, 0.0, 3, true);
+        let sensor = Sensor::of(&profile, 0.0, 3);
         let shots = 0..sensor.beam_count() * sensor.column_count;
         let shots = shots.map(|i| (i / sensor.column_count, i % sensor.column_count));
         let (mut highest, mut lowest, mut blind) = (0.0f32, 0.0f32, 0);
         for shot in shots {
-            let (_, level) = sensor.ray(shot);
+            let (start, level) = sensor.ray(shot);
+            assert!(
+                (start - v(sin, 0.0, cos) * 0.1).length() < 1e-6,
+                "{start:?}"
+            );
             // In the frame of the tilted sensor.
             let [x, y, z] = level.to_array();
             let ray = v(x * cos - z * sin, y, x * sin + z * cos);
@@ -483,38 +469,5 @@ mod tests {
         let [top, bottom] = profile.vertical_field_deg();
         assert!((highest - top).abs() < 0.1 && (lowest - bottom).abs() < 0.1);
         assert!((1000..2000).contains(&blind), "{blind}");
-    }
-
-    #[test]
-    fn without_rings_beams_are_even_and_start_together() {
-        let sensor = Sensor::new(5, false, Realism::without(&[Step::Rings, Step::Noise]));
-        let first = sensor.ray((0, 10)).1;
-        for b in 0..BEAMS {
-            let (start, direction) = sensor.ray((b, 10));
-            assert_eq!(start, V3::ZERO);
-            let turned = direction.y.atan2(direction.x) - first.y.atan2(first.x);
-            assert!(turned.abs() < 1e-5, "beam {b} looks {turned} rad aside");
-            let elevation_rad = direction.z.asin();
-            assert!((elevation_rad - sensor.beams[b].elevation_rad).abs() < 1e-5);
-        }
-        let even = (FIELD_DEG[0] - FIELD_DEG[1]) / (BEAMS - 1) as f32;
-        let is_even = |w: &[f32]| (w[0] - w[1] - even).abs() < 1e-3;
-        assert!(degrees(&sensor).windows(2).all(is_even));
-    }
-
-    #[test]
-    fn without_noise_ranges_are_exact_and_beams_stay_as_they_are() {
-        let plain = Sensor::new(5, false, Realism::without(&[Step::Noise]));
-        let usual = Sensor::new(5, false, Realism::FULL);
-        assert_eq!(degrees(&plain), degrees(&usual));
-        let phases = |s: &Sensor| s.beams.iter().map(|b| b.phase).collect::<Vec<_>>();
-        assert_eq!(phases(&plain), phases(&usual));
-        assert_eq!(plain.base_drop, usual.base_drop);
-        let error = |sensor: &Sensor| {
-            let errors = (0..500).map(|c| (sensor.measured(17.3, (c % BEAMS, c)) - 17.3).abs());
-            errors.fold(0.0, f32::max)
-        };
-        assert!(error(&plain) <= RANGE_STEP_M, "{}", error(&plain));
-        assert!(error(&usual) > 0.03, "{}", error(&usual));
     }
 }

@@ -43,7 +43,7 @@ fn add_block(scene: &mut Scene, instance: u16, center: [f32; 3], size: [f32; 3])
 
 /// A turn of a usual sensor.
 fn swept(key: u64, scene: &Scene) -> (sensor::Sensor, scan::Sweep) {
-    let sensor = sensor::Sensor::new(key, false, Realism::FULL);
+    let sensor = sensor::Sensor::new(key, false);
     let sweep = scan::sweep(&sensor, scene).expect("a sweep");
     (sensor, sweep)
 }
@@ -116,10 +116,10 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads_and_in_parts() {
     let refused = export(&again, || ()).expect_err("not empty").to_string();
     let words = "expected an empty or a new folder";
     assert!(refused.contains(words), "{refused}");
-    // The noise of a profile's sensor stays.
-    (again.family, again.realism) = (Family::SimAny, Realism::without(&[Step::Noise]));
-    let refused = export(&again, || ()).expect_err("noise").to_string();
-    assert!(refused.contains("weather), found noise"), "{refused}");
+    // The roads of KITTI are dry.
+    (again.family, again.realism) = (Family::SimKitti, Realism::without(&[Step::Weather]));
+    let refused = export(&again, || ()).expect_err("weather").to_string();
+    assert!(refused.contains("vegetation), found weather"), "{refused}");
 }
 
 #[test]
@@ -162,14 +162,14 @@ fn a_moving_sensor_reports_what_it_saw_on_its_way_and_labels_lie_there() {
     // 10 m/s ahead; straight ahead is seen at the turn's beginning, 1 m further back, and again at its end. The beams of a JT128 look
     // behind their column, and a profile's turn begins behind: at 15 m/s they see both blocks at its beginning alone.
     let jt128 = SensorProfile::load("jt128").expect("a product");
-    let hdl_64e = sensor::Sensor::new(3, false, Realism::FULL);
+    let hdl_64e = sensor::Sensor::new(3, false);
     let mut scene = flat(&[]);
     let solids = [(1, 0.5), (2, -0.5)]
         .map(|(i, y)| add_block(&mut scene, i, [10.5, y, -0.9], [1.0, 0.9, 1.4]));
     let calibration = labels::calibration(Family::SimUdi).expect("valid");
     for (mut sensor, speed_mps, nearest_m) in [
         (hdl_64e, 10.0, [11.0, 10.0]),
-        (sensor::Sensor::of(&jt128, 0.0, 3, true), 15.0, [11.4; 2]),
+        (sensor::Sensor::of(&jt128, 0.0, 3), 15.0, [11.4; 2]),
     ] {
         sensor.motion = Some(sensor::Motion {
             velocity_mps: v(speed_mps, 0.0, 0.0),
@@ -206,7 +206,7 @@ fn deskewed_points_lie_where_the_rays_ended() {
         block([x, y, 0.0], size)
     });
     let scene = flat(&walls.each_ref().map(|wall| (wall, 1)));
-    let mut sensor = sensor::Sensor::new(3, false, Realism::FULL);
+    let mut sensor = sensor::Sensor::new(3, false);
     sensor.motion = Some(motion);
     // What poses before and after the turn say, 0.15 s apart.
     let pose = |time_s: f32| {
@@ -246,7 +246,7 @@ fn deskewed_points_lie_where_the_rays_ended() {
 #[test]
 fn second_returns_lie_behind_edges() {
     let scene = flat(&[(&block([8.0, 0.0, -0.9], [1.0, 2.0, 1.4]), 1)]);
-    let mut sensor = sensor::Sensor::new(3, false, Realism::FULL);
+    let mut sensor = sensor::Sensor::new(3, false);
     let single = scan::sweep(&sensor, &scene).expect("a sweep");
     sensor.second_returns = 1.0;
     let dual = scan::sweep(&sensor, &scene).expect("a sweep");

@@ -71,7 +71,7 @@ fn recorded(name: &str, folder: &Path, count: usize) -> Set {
     let found = estimate(&scans);
     Set {
         name: name.into(),
-        sensor: found.profile(name),
+        sensor: found.profile(name, None),
         scans,
         found,
     }

@@ -226,14 +226,22 @@ impl Expected {
         let merged = if found.are_beams_clear { 1 } else { 4 };
         let fits = (low..=high.saturating_mul(merged)).contains(&found.beams);
         add(is_known && !fits, Reason::Beams(found.beams, [low, high]));
-        let has_field = (self.sensor.as_ref()).is_some_and(|sensor| sensor.field_deg.is_some());
         let gap_deg = self.gap_deg(found);
-        add(!has_field && gap_deg >= GAP_MIN_DEG, Reason::Field(gap_deg));
+        add(gap_deg >= GAP_MIN_DEG, Reason::Field(gap_deg));
     }
 
-    /// Degrees of the directions in the model's grid that the field leaves out and the own body leaves free.
+    /// Degrees of the directions in the model's grid and the given sensor's field that the found field leaves out and the own body leaves free.
     fn gap_deg(&self, found: &SensorEstimate) -> f32 {
         let [middle_deg, width_deg] = found.field_deg;
+        // Units with a field look in directions of their own.
+        let is_swept = |azimuth_deg: f32| match self.sensor.as_ref() {
+            Some(SensorProfile {
+                field_deg: Some([middle_deg, width_deg]),
+                units,
+                ..
+            }) => units.is_empty() && degrees_off(azimuth_deg, *middle_deg) <= width_deg / 2.0,
+            _ => true,
+        };
         let sectors = (0..SECTORS).map(direction_rad);
         let missing = sectors.filter(|azimuth_rad| {
             let at = [azimuth_rad.cos(), azimuth_rad.sin()].map(|v| v * GAP_RANGE_M);
@@ -243,7 +251,7 @@ impl Expected {
             let azimuth_deg = azimuth_rad.to_degrees();
             let is_hidden = self.sensor.as_ref().is_some_and(|s| s.hides(azimuth_deg));
             let is_outside = degrees_off(azimuth_deg, middle_deg) > width_deg / 2.0;
-            seen(0) && seen(1) && is_outside && !is_hidden
+            seen(0) && seen(1) && is_swept(azimuth_deg) && is_outside && !is_hidden
         });
         missing.count() as f32 * 360.0 / SECTORS as f32
     }
@@ -444,18 +452,23 @@ mod tests {
         };
         expected.sensor = Some(sensor.clone());
         let step_deg = sensor.azimuth_step_deg;
-        let told = |found: &SensorEstimate| {
+        let told = |found: &SensorEstimate, flag: Flags| {
             let mut reasons = vec![];
             expected.judge(found, &mut reasons);
-            reasons.retain(|reason| reason.flag() == Flags::SUSPECT_SENSOR);
+            reasons.retain(|reason| reason.flag() == flag);
             reasons
         };
-        assert_eq!(told(&found(2.0 * step_deg, 5.0)), []);
+        let (sensor, field) = (Flags::SUSPECT_SENSOR, Flags::SUSPECT_FIELD);
+        let mut half = found(2.0 * step_deg, 5.0);
+        assert_eq!((told(&half, sensor), told(&half, field)), (vec![], vec![]));
+        half.field_deg[1] = 40.0;
+        let gap = told(&half, field);
+        assert!(matches!(gap[..], [Reason::Field(75.0..85.0)]), "{gap:?}");
         let wide = found(3.0 * step_deg, 0.0);
         let step = Reason::SensorStep(3.0 * step_deg, step_deg);
-        assert_eq!(told(&wide), [step]);
+        assert_eq!(told(&wide, sensor), [step]);
         let aside = found(step_deg, -170.0);
-        assert_eq!(told(&aside), [Reason::SensorField(169.0)]);
+        assert_eq!(told(&aside, sensor), [Reason::SensorField(169.0)]);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use mluc_tests::assert_has;
 #[test]
 fn a_model_is_adapted_once_and_goes_on_where_it_was() {
     let folder = Folder::new();
-    folder.run("sensor --profile vlp-16 --picture vlp-16.png");
+    folder.run("sensor --sensor vlp-16 --picture vlp-16.png");
     let profile = "name = \"mine\"\nsource = \"a test\"\nelevations_deg = [4.0, 2.0, 0.0, -2.0, -4.0, -8.0]\n\
         azimuth_step_deg = 0.8\nrange_m = [0.5, 60.0]\nrange_noise_m = 0.02\nheight_m = 1.5\n";
     folder.write("mine.toml", profile);

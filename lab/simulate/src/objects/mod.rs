@@ -18,7 +18,7 @@ pub(crate) use unseen::{Habit, street};
 
 use super::mesh::{Mesh, Surface, V3, v};
 use super::random::Dice;
-use super::{Class, Family, Realism, Step};
+use super::{Class, Family};
 
 /// The boxes that people drew around KITTI's vehicles stand off: their points lie 5 to 10 cm further inside than an exact extent would have them. The label of
 /// a vehicle of `sim-kitti` is larger than its triangles by this much on each side, m; those of `sim-udi` are exact.
@@ -72,18 +72,12 @@ impl Model {
 }
 
 /// Builds one object of a class.
-pub(crate) fn build(class: Class, family: Family, realism: Realism, dice: &mut Dice) -> Model {
+pub(crate) fn build(class: Class, family: Family, dice: &mut Dice) -> Model {
     if class == Class::SyntheticUnknown {
-        return synthetic_unknown::synthetic_unknown(family, realism, dice);
+        return synthetic_unknown::synthetic_unknown(family, dice);
     }
     let mut model = exact(class, dice, family);
-    if !realism.has(Step::Sizes) {
-        let change = mean_size_m(class, family) / model.size_m();
-        // Length and width of a person on foot are the step's, not the body's.
-        let is_person = class == Class::Pedestrian;
-        let even = V3::splat(change.z);
-        model.scale(if is_person { even } else { change });
-    } else if family == Family::SimAny {
+    if family == Family::SimAny {
         // Sizes differ between continents, and how far a label stands off between those who drew it.
         model.scale(dice.size([0.9, 1.12], [0.92, 1.1], [0.93, 1.09]));
         if !matches!(class, Class::Unseen(_)) {
@@ -144,7 +138,7 @@ mod tests {
         let udi = [Car, Truck, Pedestrian, Cyclist, GolfCart, Forklift];
         let udi = udi.map(|class| (class, Family::SimUdi));
         for (class, family) in kitti.into_iter().chain(udi) {
-            let size = |i| build(class, family, Realism::FULL, &mut Dice::new(&[9, i])).size_m();
+            let size = |i| build(class, family, &mut Dice::new(&[9, i])).size_m();
             let mean = (0..300).map(size).sum::<V3>() / 300.0;
             let expected = mean_size_m(class, family);
             let off = ((mean - expected) / expected).abs().max_element();
@@ -153,36 +147,10 @@ mod tests {
     }
 
     #[test]
-    fn without_sizes_every_object_has_its_class_mean_and_an_exact_label() {
-        let plain = Realism::without(&[Step::Sizes]);
-        for (class, i) in drawn(20) {
-            let expected = mean_size_m(class, Family::SimKitti);
-            let build = |realism| build(class, Family::SimKitti, realism, &mut Dice::new(&[8, i]));
-            let (model, usual) = (build(plain), build(Realism::FULL));
-            let size = model.size_m();
-            assert!((size.z - expected.z).abs() < 1e-4, "{class:?}: {size}");
-            if class == Class::Pedestrian {
-                // The proportions stay.
-                let change = size / usual.size_m();
-                assert!((change - change.z).abs().max_element() < 1e-4, "{change}");
-            } else {
-                assert!((size - expected).abs().max_element() < 1e-4, "{size}");
-            }
-            if class == Class::Car {
-                // Mirrors apart, the triangles reach the label; those of a label that stands off do not.
-                let gap = |m: &Model| m.high.x - m.mesh.bounds().1.x;
-                assert!(gap(&model).abs() < 1e-4, "{}", gap(&model));
-                let margin = gap(&usual) - ANNOTATION_MARGIN_M;
-                assert!(margin.abs() < 1e-3, "{margin}");
-            }
-        }
-    }
-
-    #[test]
     fn every_object_is_a_lean_mesh_inside_its_label() {
         for (class, i) in drawn(40) {
             let mut dice = Dice::new(&[4, i]);
-            let model = build(class, Family::SimUdi, Realism::FULL, &mut dice);
+            let model = build(class, Family::SimUdi, &mut dice);
             let Model { mesh, low, high } = model;
             let triangles = mesh.triangles.len();
             assert!(triangles < 1500, "{class:?} has {triangles} triangles");

@@ -7,7 +7,7 @@
 
 use super::super::mesh::{Mesh, V3};
 use super::super::random::Dice;
-use super::{ANNOTATION_MARGIN_M, Class, Family, Model, Realism, Step, exact, mean_size_m};
+use super::{ANNOTATION_MARGIN_M, Class, Family, Model, exact, mean_size_m};
 use crate::synthetic_unknown::{
     ALIKE_CHANCE, ANYWHERE, CUT_CHANCE, CUT_LOW, CUT_SHARE, JOIN_CHANCE, LARGE_BEND, LARGE_CHANCE,
     LARGE_M, LIES_CHANCE, ON_ROADS, Scaling, has_known_size, has_road_size,
@@ -20,7 +20,7 @@ const DRAWS: usize = 64;
 
 /// Builds one. In `sim-kitti` the label of what a vehicle is part of stands off, as vehicles' labels do. Elsewhere labels are exact, although in `sim-any` those of
 /// known objects stand off by 2 to 7 cm.
-pub(super) fn synthetic_unknown(family: Family, realism: Realism, dice: &mut Dice) -> Model {
+pub(super) fn synthetic_unknown(family: Family, dice: &mut Dice) -> Model {
     let (mut model, mut has_vehicle) = attempt(family, dice);
     for _ in 1..DRAWS {
         if is_new(&model, family) {
@@ -28,7 +28,7 @@ pub(super) fn synthetic_unknown(family: Family, realism: Realism, dice: &mut Dic
         }
         (model, has_vehicle) = attempt(family, dice);
     }
-    if has_vehicle && family == Family::SimKitti && realism.has(Step::Sizes) {
+    if has_vehicle && family == Family::SimKitti {
         model.stand_off(ANNOTATION_MARGIN_M);
     }
     model
@@ -162,7 +162,7 @@ mod tests {
         for family in Family::ALL {
             let mut lengths = vec![];
             for i in 0..200 {
-                let model = synthetic_unknown(family, Realism::FULL, &mut Dice::new(&[11, i]));
+                let model = synthetic_unknown(family, &mut Dice::new(&[11, i]));
                 assert!(is_new(&model, family), "{}", model.size_m());
                 assert!(model.low.z.abs() < 1e-3 && !model.mesh.triangles.is_empty());
                 let (low, high) = (model.low - 1e-2, model.high + 1e-2);
@@ -194,18 +194,16 @@ mod tests {
 
     #[test]
     fn labels_stand_off_where_a_vehicle_is_part_of_it_and_sizes_are_real() {
-        let gap = |realism: Realism, i: u64| {
-            let model = synthetic_unknown(Family::SimKitti, realism, &mut Dice::new(&[12, i]));
+        let gap = |i: u64| {
+            let model = synthetic_unknown(Family::SimKitti, &mut Dice::new(&[12, i]));
             let (low, high) = model.mesh.bounds();
             (model.size_m() - (high - low)).x / 2.0
         };
-        let plain = Realism::without(&[Step::Sizes]);
-        let full: Vec<f32> = (0..40).map(|i| gap(Realism::FULL, i)).collect();
+        let full: Vec<f32> = (0..40).map(gap).collect();
         let near = |gap: f32, off: f32| full.iter().filter(|g| (**g - gap).abs() < off).count();
         let (stand_off, exact) = (near(ANNOTATION_MARGIN_M, 1e-2), near(0.0, 1e-3));
         assert!(stand_off > 10 && exact > 5, "{full:?}");
         assert_eq!(stand_off + exact, 40, "{full:?}");
-        assert!((0..40).all(|i| gap(plain, i).abs() < 1e-3));
     }
 
     #[test]

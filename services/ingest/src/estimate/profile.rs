@@ -4,9 +4,10 @@ use mluc_model::SensorProfile;
 
 use super::SensorEstimate;
 
-/// Where no return is nearer, and what a range is off: unknown from scans, so guesses.
+/// Where scans do not show them: where no return is nearer, what a range is off, how far columns are apart. Guesses.
 const RANGE_SHORTEST_M: f32 = 0.5;
 const RANGE_NOISE_M: f32 = 0.02;
+const AZIMUTH_STEP_DEG: f32 = 0.2;
 
 /// Beams this near a product's are of it, degrees; a guess.
 const PRODUCT_DEG: f32 = 0.1;
@@ -76,8 +77,9 @@ impl SensorEstimate {
         near.filter(|near| near.distance_deg < PRODUCT_DEG)
     }
 
-    /// A profile of this sensor: of clear beams the peaks; else as many as a column has returns, evenly over the vertical field.
-    pub fn profile(&self, name: &str) -> SensorProfile {
+    /// A profile of this sensor: of clear beams the peaks; else as many as a column has returns, evenly over the vertical field. The noise of its ranges (m)
+    /// is for the caller.
+    pub fn profile(&self, name: &str, range_noise_m: Option<f32>) -> SensorProfile {
         let [top, bottom] = self.vertical_field_deg;
         let beams = self.beams.max(2);
         let even = |beam: u32| top + (bottom - top) * beam as f32 / (beams - 1) as f32;
@@ -86,22 +88,34 @@ impl SensorEstimate {
         } else {
             (0..beams).map(even).collect()
         };
-        let scans = self.scans;
+        let unseen = [
+            (true, "range_m (shortest)"),
+            (range_noise_m.is_none(), "range_noise_m"),
+            (self.azimuth_step_deg.is_none(), "azimuth_step_deg"),
+        ];
+        let unseen: Vec<&str> = unseen.iter().filter(|u| u.0).map(|u| u.1).collect();
         // What scans do not show, or not in every place: as a product with the same beams has it.
         let product = self.product().map(|near| near.profile);
         let longest_m = self.range_longest_m.clamp(5.0, 500.0);
         SensorProfile {
             name: name.to_string(),
             source: format!(
-                "estimated from {scans} scans; range noise is a product's, else a guess"
+                "estimated from {} scans; not seen in them, so a product's or a guess: {}",
+                self.scans,
+                unseen.join(", ")
             ),
             elevations_deg,
-            azimuth_step_deg: self.azimuth_step_deg.unwrap_or(0.2),
+            azimuth_step_deg: (self.azimuth_step_deg)
+                .or(product.as_ref().map(|p| p.azimuth_step_deg))
+                .unwrap_or(AZIMUTH_STEP_DEG),
             field_deg: (self.field_deg[1] < 360.0).then_some(self.field_deg),
             range_m: product.as_ref().map_or([RANGE_SHORTEST_M, longest_m], |p| {
                 [p.range_m[0], p.range_m[1].max(longest_m)]
             }),
-            range_noise_m: product.map_or(RANGE_NOISE_M, |p| p.range_noise_m),
+            range_noise_m: range_noise_m
+                .or(product.map(|p| p.range_noise_m))
+                .unwrap_or(RANGE_NOISE_M)
+                .min(0.5),
             height_m: self.height_m,
             pitch_deg: self.pitch_deg.clamp(-30.0, 30.0),
             roll_deg: self.roll_deg.clamp(-30.0, 30.0),

@@ -403,7 +403,10 @@ impl Facts {
         };
         let complaints: Vec<_> = newest.flags.names().filter(is_complaint).collect();
         if !complaints.is_empty() {
-            return (Degraded, format!("flags: {}", complaints.join(", ")));
+            // The stage that set them may know more.
+            let more = stage.filter(|(costs, _)| *costs);
+            let more = more.map_or(String::new(), |(_, why)| format!("; {why}"));
+            return (Degraded, format!("flags: {}{more}", complaints.join(", ")));
         }
         if let Some((true, why)) = stage {
             return (Degraded, why);

@@ -1,10 +1,11 @@
 //! `mluc-lab sensor`: which sensor some scans are of, and what a profile looks like.
 
+mod noise;
 mod picture;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
 use mluc_dataset::{Dataset, read_scan};
 use mluc_evaluate::render;
@@ -14,38 +15,37 @@ use serde_json::json;
 
 use super::terminal::{print_out, write_out};
 
-/// Estimate a sensor's profile from its scans: beams, columns, field, range, height, tilt, own body, beside the nearest product.
+/// Estimate a sensor's profile from its scans: beams, columns, field, range, noise, height, tilt, own body, beside the nearest product.
 ///
-/// The profile is what `--sensor` takes. Range noise and the shortest range cannot be seen in scans: they are those of a product with the same beams, else
-/// guesses; correct them in the file.
-/// --profile shows a profile instead: its beams, and how many of them hit a car.
+/// The profile is what `--sensor` takes. What the scans do not show is that of a product with the same beams, else a guess; `source` in the file names it.
+/// --sensor without --input shows that sensor: its beams, and how many of them hit a car.
 #[derive(Args)]
 pub(crate) struct SensorArguments {
     /// A scan (.bin), or a folder of scans or with velodyne/.
-    #[arg(long, required_unless_present = "profile")]
+    #[arg(long, required_unless_present = "sensor")]
     input: Option<PathBuf>,
-    /// Show this product or profile.
-    #[arg(long, value_name = "NAME|FILE", conflicts_with_all = ["input", "sensor", "out", "scans"])]
-    profile: Option<String>,
     /// Scans to look at, spread over the input.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=64))]
     scans: u32,
-    /// Compare with this product or profile [default: the nearest product].
+    /// Compare with this product or profile, or show it [default: the nearest product].
     #[arg(long, value_name = "NAME|FILE")]
     sensor: Option<String>,
     /// Profile to write, TOML.
-    #[arg(long)]
+    #[arg(long, requires = "input")]
     out: Option<PathBuf>,
-    /// Picture to write, PNG: the histogram of elevations beside the other sensor's beams; the beams of --profile with cars before them.
+    /// Picture to write, PNG: the histogram of elevations beside the other sensor's beams; without --input the beams with cars before them.
     #[arg(long)]
     picture: Option<PathBuf>,
 }
 
+/// Scans whose noise is estimated.
+const NOISE_SCANS: usize = 5;
+
 pub(crate) fn run(arguments: SensorArguments) -> Result<()> {
-    match (&arguments.profile, &arguments.input) {
-        (Some(name), _) => show(&SensorProfile::load(name)?, arguments.picture.as_deref()),
-        (None, Some(input)) => estimate(input, &arguments),
-        (None, None) => anyhow::bail!("expected --input or --profile, found neither"),
+    match (&arguments.input, &arguments.sensor) {
+        (Some(input), _) => estimate(input, &arguments),
+        (None, Some(name)) => show(&SensorProfile::load(name)?, arguments.picture.as_deref()),
+        (None, None) => anyhow::bail!("expected --input or --sensor, found neither"),
     }
 }
 
@@ -70,18 +70,23 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
     let files = scan_files(input)?;
     let wanted = files.len().min(arguments.scans as usize);
     let mut estimator = Estimator::new();
+    let mut scans = Vec::new();
     for number in 0..wanted {
         let mut points = read_scan(&files[number * files.len() / wanted])?;
         let all = points.len();
         points.retain(|point| point.iter().all(|value| value.is_finite()));
         let not_finite = (all - points.len()) as u32;
         estimator.look(bytemuck::cast_slice(&points), not_finite);
+        if scans.len() < NOISE_SCANS {
+            scans.push(points);
+        }
     }
     let found = estimator.estimate().clone();
     let path = input.display();
     ensure!(found.beams > 0, "{path}: no beams found in {wanted} scans");
+    let noise_m = noise::range_noise_m(&scans, &found);
     let (name, other) = other_sensor(arguments.sensor.as_deref(), &found)?;
-    print(&found, &name, &other)?;
+    print(&found, noise_m, &name, &other)?;
     if let Some(path) = &arguments.out {
         let up = found.up.name();
         ensure!(
@@ -90,7 +95,7 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
             input.display()
         );
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
-        let mut profile = found.profile(&name);
+        let mut profile = found.profile(&name, noise_m);
         profile.blind = estimator.blind();
         let text = toml::to_string(&profile)?;
         // What cannot be read back must not be written.
@@ -104,13 +109,15 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
     Ok(())
 }
 
-/// The sensor to compare with: the given one, or the nearest product.
+/// The sensor to compare with: the given one, or the nearest product; beams at even distances where none are clear.
 fn other_sensor(given: Option<&str>, found: &SensorEstimate) -> Result<(String, SensorProfile)> {
     if let Some(name) = given {
         return Ok((name.to_string(), SensorProfile::load(name)?));
     }
-    let near = found.nearest().context("no elevations with a peak")?;
-    Ok((near.names.join(" or "), near.profile))
+    Ok(match found.nearest() {
+        Some(near) => (near.names.join(" or "), near.profile),
+        None => ("even beams".into(), found.profile("even beams", None)),
+    })
 }
 
 /// The scans of an input, sorted.
@@ -123,13 +130,19 @@ fn scan_files(input: &Path) -> Result<Vec<PathBuf>> {
     Ok(files.collect())
 }
 
-fn print(found: &SensorEstimate, name: &str, other: &SensorProfile) -> Result<()> {
+fn print(
+    found: &SensorEstimate,
+    noise_m: Option<f32>,
+    name: &str,
+    other: &SensorProfile,
+) -> Result<()> {
     let text = |value: f32| value.to_string();
+    let metres = |value: f32| format!("{value:.3}");
     let field_deg = [found.field_deg, other.field_deg.unwrap_or([0.0, 360.0])].map(|f| f[1]);
     let values = json!({
         "name": name, "found": found, "other": other,
         "spacing_deg": found.spacing_deg(), "apart_deg": found.distance_deg(other),
-        "field": field_deg.map(text),
+        "field": field_deg.map(text), "noise": noise_m.map_or("-".into(), metres), "other_noise": metres(other.range_noise_m),
         "axes": [found.unit.name(), found.up.name()],
         "intensity": text(found.intensity_max), "own_body": text(found.own_body_deg),
     });
@@ -156,6 +169,10 @@ mod tests {
                 ..-0.05 => 1.0 / -tan,
                 _ => 20.0,
             };
+            // Of 3 cm, evenly spread.
+            let dice = (n as f32 * 12.9898).sin() * 43_758.547;
+            let stray_m = 0.03 * 12.0_f32.sqrt() * (dice - dice.floor() - 0.5);
+            let distance = distance + stray_m / tan.hypot(1.0);
             [distance * cos, distance * sin, distance * tan, 0.5]
         };
         let points: Vec<[f32; 4]> = (0..16 * 900).map(ray).collect();
@@ -167,7 +184,6 @@ mod tests {
         let [out, picture] = ["mine.toml", "mine.png"].map(|name| folder.path().join(name));
         let arguments = SensorArguments {
             input: Some(folder.path().to_path_buf()),
-            profile: None,
             scans: 5,
             sensor: None,
             out: Some(out.clone()),
@@ -177,6 +193,8 @@ mod tests {
         let profile = SensorProfile::load(&out.to_string_lossy()).expect("a profile");
         assert_eq!(profile.elevations_deg.len(), 16);
         assert!((profile.azimuth_step_deg - 0.4).abs() < 0.02, "{profile:?}");
+        let noise_m = profile.range_noise_m;
+        assert!((noise_m - 0.03).abs() < 0.005, "{noise_m}");
         let height_m = profile.height_m.expect("a ground");
         assert!((height_m - 1.0).abs() < 0.1, "{height_m}");
         let own_body = BlindSector {

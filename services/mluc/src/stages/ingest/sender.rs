@@ -73,7 +73,6 @@ impl Sender<'_> {
             output,
             suspicion: Suspicion {
                 guards,
-                logged: Flags::default(),
                 suspected: Flags::default(),
                 reason: String::new(),
                 missing: String::new(),
@@ -256,11 +255,9 @@ impl Sender<'_> {
     }
 }
 
-/// What the guard says, and what of it was told.
+/// What the guard says.
 struct Suspicion {
     guards: Models<Guard>,
-    /// Reasons that the log has had.
-    logged: Flags,
     /// Of the frames that follow.
     suspected: Flags,
     /// The first reason of these; empty: none.
@@ -270,7 +267,7 @@ struct Suspicion {
 }
 
 impl Suspicion {
-    /// Holds a scan against what is expected; logs what is new. `is_loop`: one scan again and again is meant.
+    /// Holds a scan against what is expected; logs what the scan before did not show. `is_loop`: one scan again and again is meant.
     fn judge(&mut self, points: &[Point], report: &DecodeReport, is_loop: bool) {
         let reasons = self.guards.made.check(points, report).iter();
         let reasons = reasons.filter(|reason| !is_loop || reason.flag() != Flags::SUSPECT_FROZEN);
@@ -278,8 +275,7 @@ impl Suspicion {
         for reason in reasons {
             suspected = suspected.with(reason.flag());
             first = first.or(Some(reason));
-            if !self.logged.contains(reason.flag()) {
-                self.logged = self.logged.with(reason.flag());
+            if !self.suspected.contains(reason.flag()) {
                 tracing::warn!("suspect input: {reason}");
             }
         }
