@@ -1,5 +1,6 @@
 //! The report: what was judged, made into rows, figures, pictures, JSON and a page.
 
+use crate::Layout;
 use crate::Result;
 use crate::combine::combine;
 use crate::evaluate::{BOOTSTRAP_SEED, key, read_model, setting_rules, step_key};
@@ -134,7 +135,7 @@ fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Value>
             let separation = row.separation.iter().filter(|_| seed == 1 && plan.scored);
             networks.push(json!({
                 "network": row.network, "seed": seed, "steps": provenance.steps, "batch": provenance.batch,
-                "command": command_of(&layout.run_of(run)), "commit": provenance.commit,
+                "command": portable(layout, &command_of(&layout.run_of(run))), "commit": provenance.commit,
                 "fingerprint": format!("{:016x}", model.fingerprint),
                 "separation": separation.collect::<Vec<_>>(),
             }));
@@ -148,6 +149,12 @@ fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Value>
     }))
 }
 
+/// A command with the folders' default names: a report tells no machine's paths.
+fn portable(layout: &Layout, command: &str) -> String {
+    let [data, runs] = [&layout.data, &layout.runs].map(|folder| format!(" {}/", folder.display()));
+    command.replace(&data, " data/").replace(&runs, " runs/")
+}
+
 /// Where each split comes from; hashes are FNV-1a over all labels, the sizes of all scans and the bytes of every 50th scan.
 fn data(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
     let sizes = options.sizes(test.setting);
@@ -157,7 +164,8 @@ fn data(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
         // Where nothing is trained fewer frames may lie there, or none.
         if simulation.is_done().unwrap_or(false) {
             let hash = data_hash(&Dataset::open(folder)?, frames as usize)?;
-            let (split, command) = (simulation.name, simulation.command());
+            let split = simulation.name;
+            let command = portable(&options.layout, &simulation.command());
             data.push(json!({"split": split, "frames": frames, "command": command, "hash": hash}));
         }
     }

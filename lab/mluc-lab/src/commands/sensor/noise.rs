@@ -33,7 +33,8 @@ pub(super) fn range_noise_m(scans: &[Vec<[f32; 4]>], found: &SensorEstimate) -> 
             let beams = found.elevations_deg.windows(2);
             let middles: Vec<f32> = beams.map(|pair| (pair[0] + pair[1]) / 2.0).collect();
             let beam = |r: &Return| middles.partition_point(|middle| *middle > r[1]);
-            returns.sort_by(|a, b| beam(a).cmp(&beam(b)).then(a[0].total_cmp(&b[0])));
+            // By beam and by ten-thousandths of a degree.
+            returns.sort_by_cached_key(|r| (beam(r), (r[0] * 1e4) as i32));
         }
         left_m.extend(returns.as_chunks().0.iter().filter_map(left_over_m));
     }
