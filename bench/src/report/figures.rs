@@ -21,8 +21,6 @@ pub(crate) struct Resources {
     pub(crate) memory_mib: f64,
     /// Largest shared memory mapped and touched; several stages touch the same pages.
     pub(crate) shared_memory_mib: f64,
-    /// The process gave the CPU up, by second.
-    pub(crate) switches_voluntary_per_s: f64,
     /// The kernel took the CPU away, by second.
     pub(crate) switches_forced_per_s: f64,
     /// Ready to run but without a CPU, threads together: share of the time.

@@ -97,7 +97,6 @@ impl Measured {
             cpu_cores: mean(|r| r.cpu_cores),
             memory_mib: most(|r| r.memory_mib),
             shared_memory_mib: most(|r| r.shared_memory_mib),
-            switches_voluntary_per_s: mean(|r| r.switches_voluntary_per_s),
             switches_forced_per_s: mean(|r| r.switches_forced_per_s),
             waiting_for_cpu: mean(|r| r.waiting_for_cpu),
         }

@@ -15,7 +15,6 @@ struct Counts {
     threads: u32,
     cpu_ns: u64,
     waiting_ns: u64,
-    voluntary: u64,
     forced: u64,
     private_mib: f64,
     shared_mib: f64,
@@ -74,7 +73,6 @@ impl StageWatch {
             cpu_cores: by_second(first.cpu_ns, last.cpu_ns) * 1e-9,
             memory_mib: self.peak_mib[0],
             shared_memory_mib: self.peak_mib[1],
-            switches_voluntary_per_s: by_second(first.voluntary, last.voluntary),
             switches_forced_per_s: by_second(first.forced, last.forced),
             waiting_for_cpu: by_second(first.waiting_ns, last.waiting_ns) * 1e-9,
         }
@@ -101,7 +99,6 @@ fn counts(pid: u32, at_s: f64) -> Option<Counts> {
         counts.threads += 1;
         counts.waiting_ns += task.schedstat().map_or(0, |times| times.run_delay);
         let Ok(status) = task.status() else { continue };
-        counts.voluntary += status.voluntary_ctxt_switches.unwrap_or(0);
         counts.forced += status.nonvoluntary_ctxt_switches.unwrap_or(0);
     }
     Some(counts)

@@ -21,6 +21,7 @@ pub mod input;
 mod matching;
 mod open_set;
 mod operating;
+mod paired;
 pub mod pipeline;
 mod report;
 mod rings;
@@ -39,6 +40,7 @@ pub use frame::{FrameTruth, LabelledFrame, SensorDetection};
 pub use mluc_ipc_types::ObjectKind;
 pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS};
 pub use operating::Operating;
+pub use paired::paired;
 pub use report::{ApEntry, ApReport, ClassReport, evaluate, render};
 pub use rings::FrameRings;
 pub use rule::{

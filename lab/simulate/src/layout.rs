@@ -35,6 +35,8 @@ const SYNTHETIC_UNKNOWN_MAX: usize = 4;
 const ALSO_KNOWN: f32 = 2.0;
 /// Of a car of `sim-any` to drive in the sensor's lane.
 const OWN_LANE_CHANCE: f32 = 0.15;
+/// Of a car of `sim-any`'s training scans to stand in a row of bays at the kerb.
+const KERB_BAY_CHANCE: f32 = 0.2;
 const ATTEMPTS: usize = 48;
 const ATTEMPTS_PER_RANGE: usize = 16;
 
@@ -127,11 +129,14 @@ impl Layout<'_> {
         };
         let mut last = (pose, model.size_m().x);
         self.put(class, model, pose);
+        let Stream { family, split, .. } = self.stream;
+        let is_across = (pose.2 - self.ground.yaw_rad).sin().abs() > 0.5;
         let company = match class {
             // Rows stand in bays; who drives through a lane is alone.
-            Class::Car if self.ground.place == Place::CarPark => {
-                let is_parked = (pose.2 - self.ground.yaw_rad).sin().abs() > 0.5;
-                if is_parked { dice.whole(0, 6) } else { 0 }
+            Class::Car if self.ground.place == Place::CarPark && !is_across => 0,
+            Class::Car if self.ground.place == Place::CarPark => dice.whole(0, 6),
+            Class::Car if is_across && (family, split) == (Family::SimAny, Split::Train) => {
+                dice.whole(1, 9)
             }
             Class::Car if dice.chance(0.45) => dice.whole(1, 4),
             Class::Pedestrian if dice.chance(0.45) => dice.whole(1, 3),
@@ -249,6 +254,21 @@ impl Layout<'_> {
             return self.at(across, range, dice.normal(0.0, 0.03), dice);
         }
         let side = dice.sign();
+        if is_car && self.stream.split == Split::Train && dice.chance(KERB_BAY_CHANCE) {
+            // Of most cars of such a row a front or a rear alone is seen, at a flat angle.
+            let slant = if dice.chance(0.7) {
+                FRAC_PI_2
+            } else {
+                dice.range(0.9, 1.4)
+            };
+            let yaw = dice.sign() * slant + dice.normal(0.0, 0.04);
+            return self.at(
+                side * (g.half_width_m + dice.range(1.6, 3.2)),
+                range,
+                yaw,
+                dice,
+            );
+        }
         let weights = match class {
             Class::GolfCart | Class::Forklift => [0.2, 0.25, 0.35, 0.2],
             _ => [0.34, 0.3, 0.2, 0.16],

@@ -4,7 +4,12 @@ use mluc_dataset::{Dataset, calibration_hash, check_classes, check_files, data_h
 use mluc_model::CLASSES_MAX;
 use rayon::prelude::*;
 
-use crate::{error::TrainError, log::TrainEvent, settings::TrainSettings, source::ScanSource};
+use crate::{
+    error::{TrainError, refused},
+    log::TrainEvent,
+    settings::TrainSettings,
+    source::ScanSource,
+};
 
 /// Scans whose labelled boxes are looked into: scans of other frames, or empty ones, show in the first few.
 const POINT_FRAMES: usize = 20;
@@ -14,7 +19,7 @@ pub fn check_known(known: &[String]) -> Result<(), TrainError> {
     let expected = format!("2 to {CLASSES_MAX} classes");
     match known.len() {
         0 | 2..=CLASSES_MAX => Ok(()),
-        found => Err(TrainError::refused("--known".as_ref(), expected, found)),
+        found => Err(refused("--known".as_ref(), expected, found)),
     }
 }
 
@@ -64,7 +69,7 @@ pub(crate) fn points(source: &ScanSource, settings: &TrainSettings) -> Result<()
         let expected = "points in the labelled boxes";
         let found =
             format!("none in its first {frames} frames: empty scans, or labels of other ones?");
-        return Err(TrainError::refused(&path, expected, found));
+        return Err(refused(&path, expected, found));
     }
     Ok(())
 }

@@ -8,12 +8,16 @@ use std::{collections::HashMap, fmt::Display, path::Path};
 use mluc_model::{ModelError, WeightSet, read_tensors};
 use safetensors::SafeTensorError;
 
-use crate::{error::TrainError, run_folder, trainer::TrainState};
+use crate::{
+    error::{TrainError, refused},
+    run_folder,
+    trainer::TrainState,
+};
 
 /// A checkpoint that is not one, or not of this run.
 pub(crate) fn wrong(path: &Path, expected: impl Display, found: impl Display) -> TrainError {
     let found = format!("{found}; move it away to start anew");
-    TrainError::refused(path, expected, found)
+    refused(path, expected, found)
 }
 
 /// Saves.
@@ -56,7 +60,7 @@ pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bo
     let bytes = match std::fs::read(path) {
         Ok(bytes) => bytes,
         Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(false),
-        Err(cause) => return Err(TrainError::io(path, cause)),
+        Err(cause) => return Err(TrainError::file(path, cause)),
     };
     let not_one = |cause: ModelError| wrong(path, "a checkpoint of this network", cause);
     let (metadata, tensors) = read_tensors(&bytes).map_err(not_one)?;

@@ -3,7 +3,6 @@
 use std::ops::Range;
 
 use mluc_backbone::Backbone;
-use mluc_evaluate::EvaluateError;
 use mluc_head::Head;
 use mluc_model::{Manifest, WeightSet, expected_tensors};
 
@@ -64,6 +63,6 @@ pub(crate) fn place([(_, first), (count, second), (last_count, last)]: Axes, i: 
 /// The largest objectness (of a sigmoid head, class probability) that a network gives to a scan without points.
 pub fn empty_objectness_max(manifest: &Manifest, weights: &WeightSet) -> Result<f32, TrainError> {
     let rows = Backbone::new(manifest, weights)?.empty_rows()?;
-    let head = Head::new(manifest, weights).map_err(EvaluateError::from)?;
+    let head = Head::new(manifest, weights)?;
     Ok(head.objectness_max(&rows))
 }

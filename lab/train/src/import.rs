@@ -9,7 +9,11 @@ use std::path::{Path, PathBuf};
 use mluc_model::{AnchorClass, Manifest, Model, WeightSet};
 
 use crate::export::{axes, place};
-use crate::{error::TrainError, layers::Linear, trainer::Trainer};
+use crate::{
+    error::{TrainError, refused},
+    layers::Linear,
+    trainer::Trainer,
+};
 
 /// The model file of `path`: itself, or that of a run's folder.
 pub(crate) fn model_path(path: &Path) -> PathBuf {
@@ -46,7 +50,7 @@ pub(crate) fn start_from(
     }
     if taken_layers + taken == 0 {
         let expected = "layers or head rows of the network to be trained";
-        return Err(TrainError::refused(&path, expected, "none"));
+        return Err(refused(&path, expected, "none"));
     }
     if fresh.is_empty() {
         fresh.push("nothing".to_owned());

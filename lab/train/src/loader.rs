@@ -204,6 +204,6 @@ impl<T> BatchQueue<T> {
         let ended = || format!("the thread that prepares batches ended before step {step}");
         let received = self.0.front().and_then(|queue| queue.recv().ok());
         self.0.rotate_left(1);
-        received.ok_or_else(|| TrainError::Stopped(ended()))?
+        received.ok_or_else(|| TrainError::Input(ended()))?
     }
 }

@@ -75,7 +75,7 @@ impl Log {
             Ok(file)
         };
         Ok(Log {
-            file: open().map_err(|cause| TrainError::io(&path, cause))?,
+            file: open().map_err(|cause: std::io::Error| TrainError::file(&path, cause))?,
             path,
             sum: Progress::default(),
             count: 0,
@@ -104,7 +104,7 @@ impl Log {
         (line.step, line.steps, line.rate) = (done, self.steps, rate);
         line.frames_per_s = self.batch as f64 / seconds;
         line.left_s = pace_s * (self.steps - done) as f64;
-        let failed = |cause| TrainError::io(&self.path, cause);
+        let failed = |cause: std::io::Error| TrainError::file(&self.path, cause);
         let text = serde_json::to_string(&line).map_err(|e| failed(e.into()))?;
         let text = text + "\n";
         self.file.write_all(text.as_bytes()).map_err(failed)?;

@@ -9,7 +9,7 @@ use mluc_geometry::{Inside, Random};
 use mluc_model::{HeadKind, Model, model_bytes};
 
 use crate::embedding::{FrameFeatures, PointEmbedding};
-use crate::error::TrainError;
+use crate::error::{TrainError, diverged, refused};
 use crate::import::model_path;
 use crate::log::{Log, Progress, TrainEvent};
 use crate::optimizer::{Adam, Schedule};
@@ -31,7 +31,7 @@ pub fn train_osis(
     notify: &mut dyn FnMut(TrainEvent),
 ) -> Result<PathBuf, TrainError> {
     let expected = "a softmax network for osis to stand on";
-    let wrong = |found: &str| TrainError::refused("--init".as_ref(), expected, found);
+    let wrong = |found: &str| refused("--init".as_ref(), expected, found);
     let init = settings.init.as_ref().ok_or_else(|| wrong("nothing"))?;
     let mut model = Model::read(&model_path(init))?;
     let network = &model.manifest.network;
@@ -104,7 +104,7 @@ fn fit(
         let held_out: Vec<bool> = held_out.collect();
         let (loss, gradient) = embedding.step(input, &owner, &held_out);
         if !loss.is_finite() {
-            return Err(TrainError::diverged(step, loss));
+            return Err(diverged(step, loss));
         }
         let (rate, momentum) = schedule.at(step);
         let parameters = &mut embedding.mlp.parameters;

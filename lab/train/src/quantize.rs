@@ -35,7 +35,7 @@ pub fn measure_ranges<S: AsRef<[[f32; 4]]>>(
     weights.remove_calibration(network);
     for (level, largest) in &levels {
         let ranges = ranges(largest).ok_or_else(|| {
-            TrainError::Stopped(format!(
+            TrainError::Input(format!(
                 "the data: expected scans with points inside the model's range, found {frames} frames that leave a layer at 0"
             ))
         })?;

@@ -9,7 +9,7 @@ use serde_json::json;
 
 use crate::cluster_scorer::fit_to_proposals;
 use crate::database::{self, Database, mean_boxes};
-use crate::error::TrainError;
+use crate::error::{TrainError, refused};
 use crate::loader::{BatchQueue, DataLoader};
 use crate::log::{Log, TrainEvent};
 use crate::{
@@ -178,7 +178,7 @@ impl Run {
         run_folder::refuse_other(&self.settings.out, "checkpoint.safetensors")?;
         let mut batches = self.begin(DataLoader::prepare_bytes)?;
         run_folder::write(&self.model_path(), &self.model()?)?;
-        let fault = |cause| TrainError::io("standard output".as_ref(), cause);
+        let fault = |cause: std::io::Error| TrainError::file("standard output".as_ref(), cause);
         writeln!(to, "{}", stream::header(&self.settings)).map_err(fault)?;
         for step in 0..self.settings.steps {
             to.write_all(&batches.take(step)?).map_err(fault)?;
@@ -274,7 +274,7 @@ fn measure_anchors(
         if mean.count == 0 {
             let expected = "objects of every class in the training split";
             let found = format!("no {}", class.name);
-            return Err(TrainError::refused(&path, expected, found));
+            return Err(refused(&path, expected, found));
         }
         (class.size_m, class.bottom_z_m) = (mean.size_m, mean.bottom_z_m);
         let ([l, w, h], bottom) = (mean.size_m, mean.bottom_z_m);

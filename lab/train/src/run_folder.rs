@@ -5,23 +5,23 @@ use std::path::Path;
 
 use mluc_dataset::whole_file::write_whole;
 
-use crate::error::TrainError;
+use crate::error::{TrainError, refused};
 
 /// Makes the folder and takes it for this process, as long as the file is open.
 pub(crate) fn enter(out: &Path) -> Result<File, TrainError> {
-    std::fs::create_dir_all(out).map_err(|cause| TrainError::io(out, cause))?;
+    std::fs::create_dir_all(out).map_err(|cause| TrainError::file(out, cause))?;
     let path = out.join(".lock");
     let mut options = File::options();
     let file = options.create(true).truncate(false).write(true).open(&path);
-    let file = file.map_err(|cause| TrainError::io(&path, cause))?;
+    let file = file.map_err(|cause| TrainError::file(&path, cause))?;
     match file.try_lock() {
         Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(TrainError::refused(
+        Err(TryLockError::WouldBlock) => Err(refused(
             out,
             "a folder of no other run",
             "another run training into it; wait for it, or name another folder",
         )),
-        Err(TryLockError::Error(cause)) => Err(TrainError::io(&path, cause)),
+        Err(TryLockError::Error(cause)) => Err(TrainError::file(&path, cause)),
     }
 }
 
@@ -31,12 +31,12 @@ pub(crate) fn refuse_other(out: &Path, file: &str) -> Result<(), TrainError> {
     if path.exists() {
         let expected = "no file of another run (its checkpoint is missing, or is of another kind)";
         let found = "one; move it away or name another folder";
-        return Err(TrainError::refused(&path, expected, found));
+        return Err(refused(&path, expected, found));
     }
     Ok(())
 }
 
 /// Writes a file of the run: a crash or a full disk leaves the old one.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
-    write_whole(path, bytes).map_err(|cause| TrainError::io(path, cause))
+    write_whole(path, bytes).map_err(|cause| TrainError::file(path, cause))
 }

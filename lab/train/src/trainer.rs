@@ -6,7 +6,11 @@ use crate::losses::{self, LossSettings};
 use crate::network::{Chain, Pass, StepInput};
 use crate::optimizer::{Adam, Schedule};
 use crate::{
-    error::TrainError, layers::RunningStatistics, loader::Batch, log::Progress, pool::Pool,
+    error::{TrainError, diverged},
+    layers::RunningStatistics,
+    loader::Batch,
+    log::Progress,
+    pool::Pool,
 };
 
 /// The share of a new batch in the running statistics, once enough batches have been seen. Before, the plain mean of all batches: a short run must not remember
@@ -66,7 +70,7 @@ impl Trainer {
         let (losses, outputs) = losses::evaluate(&pass.outputs, map, targets, self.losses, classes);
         let loss = losses.total();
         if !loss.is_finite() {
-            return Err(TrainError::diverged(self.state.step, loss));
+            return Err(diverged(self.state.step, loss));
         }
         pool.gradients.fill(0.0);
         chain.backward(&input, &pass, &outputs, pool);

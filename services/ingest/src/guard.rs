@@ -38,7 +38,7 @@ pub enum Reason {
     #[error("no returns in {:.0} degrees of the directions that the model sees: uncover the sensor, or name its field with --sensor", .0)]
     Field(f32),
     /// A driver's range limit, and where returns should end at the least, m.
-    #[error("returns end {:.0} m away in nearly all directions, expected {:.0} m or more: raise the driver's range limit", .0, .1)]
+    #[error("returns end {:.0} m away in nearly half of the directions, expected {:.0} m or more: raise the driver's range limit", .0, .1)]
     Range(f32, f32),
     /// The largest intensity, beyond 1.
     #[error("intensities up to {:.0}, expected 0 to 1: read them with --intensity-scale {}", .0, if *.0 > 255.5 { "0.0000153" } else { "0.00392" })]

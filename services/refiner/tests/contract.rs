@@ -240,17 +240,3 @@ fn work_is_bounded_and_what_is_left_keeps_its_proposal() {
         assert_eq!(any_unrefined, variant == Variant::PaperCorrected);
     }
 }
-
-#[test]
-fn the_same_bits_on_a_second_run() {
-    let (points, detections) = carts();
-    for variant in Variant::ALL {
-        let mut used = refiner(variant);
-        let [first, second] = [(); 2].map(|()| {
-            let mut out = RefinerOutput::default();
-            used.refine(3, &points, &detections, &mut out);
-            (out.objects, out.object_points)
-        });
-        assert!(first == second, "{variant:?}");
-    }
-}

@@ -112,27 +112,11 @@ fn what_moves_is_ranked_higher_and_what_is_old_and_still_lower_and_stays() {
 }
 
 #[test]
-fn an_unknown_object_is_published_from_its_third_sighting_with_the_same_number() {
-    let seen = seen_at(&[0, 1, 1, 2, 3], |sequence| 10.0 + 0.4 * sequence as f32);
-    // The second frame was sent again.
-    let waiting = |o: &Object| o.disposition == Disposition::Unconfirmed as u32;
-    assert!(seen[..3].iter().all(waiting));
-    assert!(seen[3..].iter().all(Object::is_published));
-    let id = seen[0].track_id;
-    assert!(id != Object::NONE && seen.iter().all(|o| o.track_id == id));
-}
-
-#[test]
-fn known_objects_are_never_touched() {
-    let before = object(ObjectKind::Known, 5.0, 0.0, 0.9);
-    let after = update(&mut tracker(), 0, &EgoPose::default(), &[before]);
-    assert_eq!(after, [before]);
-}
-
-#[test]
 fn misses_are_bridged_a_whole_window_is_not_and_a_run_that_begins_anew_forgets() {
     for (sequences, published) in [
         (&[0, 1, 2][..], &[false, false, true][..]),
+        // The second frame is sent again.
+        (&[0, 1, 1, 2, 3], &[false, false, false, true, true]),
         (&[0, 4, 9], &[false, false, true]),
         (&[0, 1, 10], &[false, false, false]),
         // Eight misses and nine.

@@ -105,10 +105,10 @@ impl Scan {
     /// A turn of the sensor as a scan.
     pub(crate) fn take(&mut self, turn: &Revolution, sequence: u64, layout: &Layout) {
         self.bytes.clear();
-        let turned = layout.turn();
+        let placed = layout.placing();
         for point in &turn.points {
-            let [x, y, z] = turned([point.x_m, point.y_m, point.z_m]);
-            let numbers = [x, y, z, point.intensity].map(f32::to_le_bytes);
+            let point = [point.x_m, point.y_m, point.z_m, point.intensity];
+            let numbers = placed(point.map(f64::from)).map(f32::to_le_bytes);
             self.bytes.extend_from_slice(numbers.as_flattened());
         }
         self.name = numbered(sequence);
@@ -165,6 +165,29 @@ mod tests {
             let next = load(&mut scans, sequences.end, repeat, &mut scan);
             assert_eq!(next == Next::End, !repeat);
         }
+    }
+
+    #[test]
+    fn points_are_placed_as_those_of_files() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), pcap(&frames())).unwrap();
+        let first = |layout: &Layout| {
+            let mut scan = Scan::default();
+            let mut scans = CaptureScans::open(file.path(), layout).unwrap();
+            load(&mut scans, 0, false, &mut scan);
+            let number = |at: usize| scan.bytes[at..at + 4].try_into().unwrap();
+            [0, 4, 8, 12].map(|at| f32::from_le_bytes(number(at)))
+        };
+        let [x, y, z, intensity] = first(&Layout::default());
+        let layout = Layout {
+            axes: "y,-x,z".into(),
+            origin: [0.0, 0.0, 0.5],
+            scale: 2.0,
+            intensity_scale: 0.5,
+            ..Layout::default()
+        };
+        let expected = [2.0 * y, -2.0 * x, 2.0 * (z - 0.5), 0.5 * intensity];
+        assert_eq!(first(&layout), expected);
     }
 
     #[test]

@@ -387,18 +387,6 @@ mod tests {
     }
 
     #[test]
-    fn a_scan_that_cannot_be_read_is_no_end() {
-        let source = Folder::of(vec!["/nowhere/000007.bin".into()], &Layout::default());
-        let mut scan = Scan {
-            bytes: vec![1, 2, 3],
-            ..Scan::default()
-        };
-        assert_eq!(source.read(0, &mut scan), Flags::DAMAGED_INPUT);
-        assert!(scan.bytes.is_empty());
-        assert_eq!(source.name(0), "000007");
-    }
-
-    #[test]
     fn a_scan_beyond_the_limit_is_truncated_and_not_damaged() {
         let header = "FIELDS x y z w\nSIZE 4 4 4 8\nTYPE F F F F\nCOUNT 1 1 1 4096\nPOINTS 3000\nDATA binary\n";
         for ending in [".pcd", ".bin"] {

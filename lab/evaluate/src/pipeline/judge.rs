@@ -7,7 +7,7 @@ use super::{
 use crate::open_set::unknown_as_known;
 use crate::{
     ApReport, Breakdown, ClassReport, ClassRule, EvaluateError, FrameRings, JudgedPoint,
-    NeighbourPolicy, ObjectKind, Operating, Result, SweepPoint, evaluate,
+    LabelledFrame, NeighbourPolicy, ObjectKind, Operating, Result, SweepPoint, evaluate,
 };
 use mluc_backbone::Precision;
 use mluc_dataset::whole_file::write_whole;
@@ -162,7 +162,8 @@ pub struct ScoreChoice {
 }
 
 /// The scores of the operating profiles at the model's own threshold: the lowest at which the upper 95 % bound of the objects a scan
-/// on no label is at most 0.1 (unknown) and 0.2 (known) for `quiet`, 0.3 and 0.5 for `balanced`. And what scores are worth.
+/// on no label is at most 0.1 (unknown) and 0.2 (known) for `quiet`, 0.3 and 0.5 for `balanced`. And what scores are worth, where
+/// `balanced` chooses what is published as unknown.
 pub fn choose_profiles(
     model: &Model,
     set: &FrameSet,
@@ -178,35 +179,47 @@ pub fn choose_profiles(
         let objects = objects_at(model, gate, set, frames, &settings, vec![threshold], &|| ())?;
         Ok::<_, EvaluateError>(objects.labelled(frames, 0))
     };
-    let labelled = published(0.0)?;
-    let judged = Operating::of(&labelled, &[frames.len()], rules);
-    let halves = [0, 1].map(|half| {
-        let scans: Vec<_> = labelled.iter().skip(half).step_by(2).cloned().collect();
-        Operating::of(&scans, &[scans.len()], rules)
-    });
-    let [even, odd] = &halves;
-    let tables = [odd, even].map(Operating::probabilities);
+    let operating = |scans: &[LabelledFrame]| Operating::of(scans, &[scans.len()], rules);
+    let of_unknown = published(0.0)?;
+    let judged = operating(&of_unknown);
     // What is not published as unknown may be published as known.
     let least = |unknown: f64, known: f64| {
         let unknown = judged.safe_score_min(ObjectKind::Unknown, unknown);
-        let left = Operating::of(&published(unknown)?, &[frames.len()], rules);
-        Ok::<_, EvaluateError>(ScoreMin {
-            known: left.safe_score_min(ObjectKind::Known, known),
+        let left = published(unknown)?;
+        let score_min = ScoreMin {
+            known: operating(&left).safe_score_min(ObjectKind::Known, known),
             unknown,
             both_readings: false,
-        })
+        };
+        Ok::<_, EvaluateError>((score_min, left))
     };
-    let (quiet, balanced) = (least(0.1, 0.2)?, least(0.3, 0.5)?);
-    let errors = |name, kind, score_min| {
-        let of = |half: usize| halves[half].calibration_errors(kind, score_min, &tables[half]);
+    let (quiet, _) = least(0.1, 0.2)?;
+    let (balanced, of_known) = least(0.3, 0.5)?;
+    let errors = |name, kind, scans: &[LabelledFrame], score_min| {
+        let halves = [0, 1].map(|half| {
+            let every_other = scans.iter().skip(half).step_by(2);
+            operating(&every_other.cloned().collect::<Vec<_>>())
+        });
+        let of = |half: usize| {
+            let table = halves[1 - half].probabilities();
+            halves[half].calibration_errors(kind, score_min, &table)
+        };
         (name, [0, 1].map(of))
     };
     Ok(ScoreChoice {
         profiles: Profiles { quiet, balanced },
-        probabilities: judged.probabilities(),
+        probabilities: Probabilities {
+            unknown: judged.probabilities().unknown,
+            known: operating(&of_known).probabilities().known,
+        },
         errors: vec![
-            errors("unknown", ObjectKind::Unknown, balanced.unknown),
-            errors("known", ObjectKind::Known, balanced.known),
+            errors(
+                "unknown",
+                ObjectKind::Unknown,
+                &of_unknown,
+                balanced.unknown,
+            ),
+            errors("known", ObjectKind::Known, &of_known, balanced.known),
         ],
     })
 }

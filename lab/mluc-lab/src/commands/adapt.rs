@@ -171,9 +171,10 @@ impl Adaptation<'_> {
         let mut takes = Takes::like(beams, rays(sensor), sensor.height_m.unwrap_or_default());
         // Units may look in directions of their own.
         takes.beams[1] *= sensor.units.len().max(1) as u32;
-        if sensor.height_m.is_none() {
+        match sensor.height_m {
+            Some(height_m) => manifest.sensor_height_m = height_m,
             // Simulated at any height.
-            takes.height_m = manifest.takes().height_m;
+            None => takes.height_m = manifest.takes().height_m,
         }
         manifest.takes = Some(takes);
         let bytes = model_bytes(&manifest, &weights)?;

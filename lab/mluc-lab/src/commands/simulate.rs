@@ -14,10 +14,8 @@ use mluc_simulate::{ExportOptions, Realism, Step, export};
 pub(crate) struct SimulateArguments {
     #[command(flatten)]
     options: ExportOptions,
-    /// Leave out steps that bring simulated scans closer to recorded ones, to measure what they are worth (comma separated): rings (uneven beams, phases, two
-    /// origins), noise, drop (lost returns, rays through windows), sizes (every object of a class at its mean size, exact labels), or a kind of background:
-    /// confusers (things of a car's size that are none), frontage, furniture, vegetation, street, weather. rings and noise are of the HDL-64E, street and weather
-    /// of sim-any. Not for training a model that is to be used.
+    /// Leave out kinds of background, to measure what they are worth (comma separated): confusers (things of a car's size that are none), frontage,
+    /// furniture, vegetation; of sim-any street and weather too. Not for training a model that is to be used.
     #[arg(long, value_parser = one_of(&Step::ALL, Step::name), hide_possible_values = true)]
     #[arg(value_delimiter = ',', value_name = "STEP,..")]
     without: Vec<Step>,

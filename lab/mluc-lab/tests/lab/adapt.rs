@@ -26,7 +26,7 @@ fn a_model_is_adapted_once_and_goes_on_where_it_was() {
     assert_eq!(classes, ["car", "pedestrian", "forklift"]);
     let from = manifest.provenance;
     assert!(!from.calibration.is_empty() && !from.profile_choice.is_empty());
-    assert_eq!(from.steps, 9);
+    assert_eq!((from.steps, manifest.sensor_height_m), (9, 1.5));
 
     // Again: nothing is done twice; what is missing is made again, the same.
     std::fs::remove_file(folder.path("a/model.safetensors")).expect("removed");

@@ -213,6 +213,25 @@ fn bad_input_is_named_and_fails() {
     refuses(&["label files (*.txt)", "found none"]);
 }
 
+#[test]
+fn two_models_are_compared_on_the_same_draws_of_scans() {
+    let folder = Folder::new();
+    folder.scene("a", NO_CAMERA, 40);
+    let half = (0..40).step_by(2);
+    let half = half.map(|at| line(&format!("{at:06}"), folder.perfect_objects("a")));
+    folder.write("half.jsonl", half.collect::<String>());
+    let with = |more: &str| ap("a", &format!("--classes car --beside {more}"));
+    let report = folder.json(&with("half.jsonl --json"));
+    let car = &report["beside"][1];
+    assert_eq!(car["ap"], json!([100.0, 100.0, 100.0]));
+    let [difference, low, high] = [0, 1, 2].map(|at| car["difference"][at].as_f64().expect("AP"));
+    assert!(difference == 50.0 && (30.0..50.0).contains(&low) && (50.0..70.0).contains(&high));
+    let same = text(&folder.run(&with(FOUND)).stdout);
+    assert_has(&same, &["difference", "0.0 [0.0, 0.0]"]);
+    let twice = with("half.jsonl --beside half.jsonl");
+    folder.refuses(&twice, &["expected as many --beside", "(1)", "found 2"]);
+}
+
 /// JSON lines cannot be judged without a calibration; detection files of a folder can.
 #[test]
 fn json_lines_need_a_calibration_and_folders_do_not() {

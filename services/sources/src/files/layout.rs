@@ -121,16 +121,20 @@ impl Layout {
         has_all.then_some(axes).ok_or_else(fault)
     }
 
-    /// What turns coordinates in m along the sensor's axes. The layout was [checked](Self::check); else they stay as they are.
-    pub(crate) fn turn(&self) -> impl Fn([f32; 3]) -> [f32; 3] {
+    /// What makes x, y, z and intensity of the input those of the sensor, in m and 0 to 1. The layout was [checked](Self::check); else axes stay as they are.
+    pub(crate) fn placing(&self) -> impl Fn([f64; 4]) -> [f32; 4] {
         let axes = self.signed_axes().unwrap_or([(0, 1.0), (1, 1.0), (2, 1.0)]);
-        move |point| axes.map(|(place, sign)| point[place] * sign as f32)
+        move |[x, y, z, intensity]| {
+            let [x, y, z] = axes
+                .map(|(place, sign)| ([x, y, z][place] - self.origin[place]) * sign * self.scale);
+            [x, y, z, intensity * self.intensity_scale].map(|number| number as f32)
+        }
     }
 
     /// Appends the table's points to the scan as x, y, z (m), intensity, four little-endian f32 each, and their times if they are asked for; true if it holds
     /// fewer rows than it promises.
     pub(super) fn write(&self, table: &Table, scan: &mut Scan) -> Result<bool, SourceError> {
-        let axes = self.signed_axes()?;
+        let placed = self.placing();
         let names = table.columns.iter().map(|column| &*column.name);
         let has = || names.clone().collect::<Vec<_>>().join(", ");
         let column = |name| {
@@ -155,10 +159,7 @@ impl Layout {
                 let unit_ns = if is_seconds { 1e9 } else { 1.0 };
                 scan.times_ns.push(moment * unit_ns);
             }
-            let [x, y, z] = axes
-                .map(|(place, sign)| ([x, y, z][place] - self.origin[place]) * sign * self.scale);
-            let numbers = [x, y, z, intensity * self.intensity_scale];
-            let numbers = numbers.map(|number| (number as f32).to_le_bytes());
+            let numbers = placed([x, y, z, intensity]).map(f32::to_le_bytes);
             scan.bytes.extend_from_slice(numbers.as_flattened());
         }
         Ok(false)

@@ -3,7 +3,10 @@
 use super::{compared::Compared, warn_unrecognized};
 use crate::commands::terminal::{print_err, print_out};
 use clap::Args;
-use mluc_evaluate::{Breakdown, ClassReport, UnknownProtocol, evaluate, input::rings, unevaluated};
+use mluc_evaluate::{
+    Breakdown, ClassReport, UnknownProtocol, evaluate, input::rings, paired, render, unevaluated,
+};
+use serde_json::json;
 use std::path::PathBuf;
 
 /// Average precision as KITTI's object devkit computes it, and open-set figures.
@@ -24,6 +27,10 @@ pub(crate) struct ApArguments {
     /// Folder of scans (velodyne), for AP by the rings on the object; needs --calib.
     #[arg(long, value_name = "DIR")]
     scans: Vec<PathBuf>,
+    /// Detections of another model on the same frames, as many as --detections: the AP of both and their difference, each with its
+    /// 95 % interval (paired bootstrap; scans are drawn one by one, so of scans of one drive it is too narrow).
+    #[arg(long, value_name = "DIR|FILE.jsonl")]
+    beside: Vec<PathBuf>,
     /// What an unknown object may be found on besides labels of unknown classes: literal, nothing; fair, trams, Misc, sitting
     /// persons, and regions without labels (DontCare), none of which is right or wrong.
     #[arg(long, value_enum, default_value_t)]
@@ -34,9 +41,15 @@ pub(crate) struct ApArguments {
 }
 
 pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
-    let (sources, input) = arguments.compared.read(&arguments.scans)?;
-    let rules = (arguments.compared).rules(&input, arguments.unknown_protocol)?;
-    if !arguments.compared.request.unknown.is_empty() {
+    let compared = &arguments.compared;
+    let [expected, found] = [compared.labels.len(), arguments.beside.len()];
+    anyhow::ensure!(
+        found == 0 || found == expected,
+        "expected as many --beside as --labels ({expected}), in the same order, found {found}"
+    );
+    let (sources, input) = compared.read(&compared.detections, &arguments.scans)?;
+    let rules = compared.rules(&input, arguments.unknown_protocol)?;
+    if !compared.request.unknown.is_empty() {
         for class in unevaluated(&input.frames, &rules) {
             print_err(format_args!(
                 "warning: labels of class {class} count as background; if it is known, name it in --iou"
@@ -66,8 +79,14 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
     if let Some(rings) = rings(&sources, &input.frames)? {
         breakdowns.push(Breakdown::by_rings(&input.frames, &rings, &rules));
     }
+    let mut pairs = json!([]);
+    if !arguments.beside.is_empty() {
+        let (_, beside) = compared.read(&arguments.beside, &[])?;
+        pairs = paired([&input.frames, &beside.frames], &rules);
+    }
     if arguments.json {
         let mut object = report.to_json();
+        object["beside"] = pairs;
         for breakdown in breakdowns {
             object[format!("by_{}", breakdown.by)] = breakdown.to_json();
         }
@@ -75,7 +94,8 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
     }
     let objects = input.frames.iter().map(|frame| frame.detections.len());
     let breakdowns = breakdowns.iter().map(|b| format!("\n{}", b.to_table()));
-    let text = report.to_table() + &breakdowns.collect::<String>();
+    let pairs = render(include_str!("paired.txt"), json!({"pairs": pairs}));
+    let text = report.to_table() + &breakdowns.collect::<String>() + &pairs;
     print_out(format_args!(
         "{} frames, {} detections\n\n{}",
         input.frames.len(),

@@ -12,10 +12,10 @@ use std::path::PathBuf;
 pub(super) struct Compared {
     /// Folder of label files (label_2). Repeat it to pool folders: --detections and --calib then in the same order.
     #[arg(long, required = true, value_name = "DIR")]
-    labels: Vec<PathBuf>,
+    pub(super) labels: Vec<PathBuf>,
     /// Folder of detection files in KITTI's format, or a file of JSON lines as `mluc up` prints them.
     #[arg(long, required = true, value_name = "DIR|FILE.jsonl")]
-    detections: Vec<PathBuf>,
+    pub(super) detections: Vec<PathBuf>,
     /// Folder of calibration files; JSON lines need it.
     #[arg(long, value_name = "DIR")]
     calib: Vec<PathBuf>,
@@ -28,9 +28,13 @@ pub(super) struct Compared {
 }
 
 impl Compared {
-    /// Reads everything; warnings go to stderr.
-    pub(super) fn read(&self, scans: &[PathBuf]) -> anyhow::Result<(Vec<Source>, Input)> {
-        let sources = sources(&self.labels, &self.detections, &self.calib, scans)?;
+    /// Reads everything, with these detections; warnings go to stderr.
+    pub(super) fn read(
+        &self,
+        detections: &[PathBuf],
+        scans: &[PathBuf],
+    ) -> anyhow::Result<(Vec<Source>, Input)> {
+        let sources = sources(&self.labels, detections, &self.calib, scans)?;
         let input = read(&sources, self.image_size)?;
         for warning in &input.warnings {
             print_err(format_args!("warning: {warning}"));

@@ -24,11 +24,12 @@ pub(crate) struct OperatingArguments {
 }
 
 pub(super) fn run(arguments: OperatingArguments) -> anyhow::Result<()> {
-    let (_, input) = arguments.compared.read(&[])?;
-    let mut rules = (arguments.compared).rules(&input, UnknownProtocol::default())?;
+    let compared = &arguments.compared;
+    let (_, input) = compared.read(&compared.detections, &[])?;
+    let mut rules = compared.rules(&input, UnknownProtocol::default())?;
     let labels = input.frames.iter().flat_map(|frame| frame.labels.iter());
     warn_unrecognized(labels.clone(), &rules);
-    for name in &arguments.compared.request.classes {
+    for name in &compared.request.classes {
         let is_of = |label: &Label| label.class.eq_ignore_ascii_case(name);
         if !labels.clone().any(is_of) {
             warn_unlabelled("classes", name);
