@@ -162,8 +162,8 @@ pub struct ScoreChoice {
 }
 
 /// The scores of the operating profiles at the model's own threshold: the lowest at which the upper 95 % bound of the objects a scan
-/// on no label is at most 0.1 (unknown) and 0.2 (known) for `quiet`, 0.3 and 0.5 for `balanced`. And what scores are worth, where
-/// `balanced` chooses what is published as unknown.
+/// on no label is at most 0.1 (unknown, in each third of the scans by their points) and 0.2 (known, in all) for `quiet`, 0.3 and 0.5 for
+/// `balanced`. And what scores are worth, where `balanced` chooses what is published as unknown.
 pub fn choose_profiles(
     model: &Model,
     set: &FrameSet,
@@ -182,9 +182,21 @@ pub fn choose_profiles(
     let operating = |scans: &[LabelledFrame]| Operating::of(scans, &[scans.len()], rules);
     let of_unknown = published(0.0)?;
     let judged = operating(&of_unknown);
+    // Dense scans show more false objects than thin ones: the limit holds in each third of the scans by their points.
+    let points = |index| Ok((set.points(index)?.len(), index));
+    let points: Result<Vec<_>> = (0..frames.len()).into_par_iter().map(points).collect();
+    let mut by_points = points?;
+    by_points.sort_unstable();
+    let third = |third: &[(usize, usize)]| {
+        let scans = third.iter().map(|&(_, at)| of_unknown[at].clone());
+        operating(&scans.collect::<Vec<_>>())
+    };
+    let thirds = by_points.chunks(frames.len().div_ceil(3)).map(third);
+    let thirds: Vec<Operating> = thirds.collect();
     // What is not published as unknown may be published as known.
     let least = |unknown: f64, known: f64| {
-        let unknown = judged.safe_score_min(ObjectKind::Unknown, unknown);
+        let of_third = |third: &Operating| third.safe_score_min(ObjectKind::Unknown, unknown);
+        let unknown = thirds.iter().map(of_third).fold(0.0, f32::max);
         let left = published(unknown)?;
         let score_min = ScoreMin {
             known: operating(&left).safe_score_min(ObjectKind::Known, known),
@@ -230,8 +242,8 @@ pub fn write_profiles(path: &Path, judged: &Model, chosen: &ScoreChoice, data: &
         manifest.thresholds.profiles = Some(chosen.profiles);
         manifest.thresholds.probabilities = Some(chosen.probabilities.clone());
         manifest.provenance.profile_choice = format!(
-            "lowest scores at which the upper 95 % bound (bootstrap) of the objects a scan on no label is at most 0.1 unknown and 0.2 \
-             known (quiet), 0.3 and 0.5 (balanced); probabilities: share of objects on a label of their kind, by range, made to rise \
+            "lowest scores at which the upper 95 % bound (bootstrap) of the objects a scan on no label is at most 0.1 unknown (in each \
+             third of the scans by their points) and 0.2 known (quiet), 0.3 and 0.5 (balanced); probabilities: share of objects on a label of their kind, by range, made to rise \
              with the score; data: {data}"
         );
     })

@@ -86,7 +86,9 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
     }
     if arguments.json {
         let mut object = report.to_json();
-        object["beside"] = pairs;
+        if !arguments.beside.is_empty() {
+            object["beside"] = pairs;
+        }
         for breakdown in breakdowns {
             object[format!("by_{}", breakdown.by)] = breakdown.to_json();
         }
