@@ -191,7 +191,7 @@ pub fn choose_profiles(
         let scans = third.iter().map(|&(_, at)| of_unknown[at].clone());
         operating(&scans.collect::<Vec<_>>())
     };
-    let thirds = by_points.chunks(frames.len().div_ceil(3)).map(third);
+    let thirds = by_points.chunks(frames.len().div_ceil(3).max(1)).map(third);
     let thirds: Vec<Operating> = thirds.collect();
     // What is not published as unknown may be published as known.
     let least = |unknown: f64, known: f64| {

@@ -161,20 +161,22 @@ impl Adaptation<'_> {
     fn finish_model(&self) -> Result<()> {
         print_err("step 4 of 4: int8 ranges, scores, figures");
         let (trained, path) = (self.run_folder().join("model.safetensors"), self.model());
-        let (scans, train) = (self.scans(Split::Train), Model::read(&trained)?);
+        let (scans, mut train) = (self.scans(Split::Train), Model::read(&trained)?);
+        let sensor = &self.plan.request.sensor;
+        // A model's sensor stands 0.1 m high or higher.
+        let height_m = sensor.height_m.map(|height_m| height_m.max(0.1));
+        train.manifest.sensor_height_m = height_m.unwrap_or(train.manifest.sensor_height_m);
         let dataset = Dataset::open(&scans)?;
         let (mut manifest, weights) = quantized(&train, &dataset, &scans, RANGE_FRAMES)?;
         let (set, frames, judgement) = self.judge(&train)?;
         manifest.provenance.threshold_choice = "one half: more likely unknown than known".into();
-        let sensor = &self.plan.request.sensor;
         let beams = sensor.elevations_deg.len() as f32;
         let mut takes = Takes::like(beams, rays(sensor), sensor.height_m.unwrap_or_default());
         // Units may look in directions of their own.
         takes.beams[1] *= sensor.units.len().max(1) as u32;
-        match sensor.height_m {
-            Some(height_m) => manifest.sensor_height_m = height_m,
+        if sensor.height_m.is_none() {
             // Simulated at any height.
-            None => takes.height_m = manifest.takes().height_m,
+            takes.height_m = manifest.takes().height_m;
         }
         manifest.takes = Some(takes);
         let bytes = model_bytes(&manifest, &weights)?;
