@@ -130,7 +130,7 @@ impl Layout<'_> {
         let mut last = (pose, model.size_m().x);
         self.put(class, model, pose);
         let Stream { family, split, .. } = self.stream;
-        let is_across = (pose.2 - self.ground.yaw_rad).sin().abs() > 0.5;
+        let is_across = self.is_across(pose.2);
         let company = match class {
             // Rows stand in bays; who drives through a lane is alone.
             Class::Car if self.ground.place == Place::CarPark && !is_across => 0,
@@ -155,6 +155,11 @@ impl Layout<'_> {
         count
     }
 
+    /// Whether this heading is rather across the road than along it.
+    fn is_across(&self, yaw: f32) -> bool {
+        (yaw - self.ground.yaw_rad).sin().abs() > 0.5
+    }
+
     /// The next place in a row of cars (along the road or side by side), or next to a person.
     fn beside(&self, class: Class, last: (Pose, f32), length: f32, dice: &mut Dice) -> Pose {
         let ((x, y, yaw), last_length) = last;
@@ -167,7 +172,7 @@ impl Layout<'_> {
             };
             return (x + away * angle.cos(), y + away * angle.sin(), heading);
         }
-        let across = (yaw - self.ground.yaw_rad).sin().abs() > 0.5;
+        let across = self.is_across(yaw);
         let step = if across && self.ground.place == Place::CarPark {
             places::BAY_M
         } else if across {

@@ -243,7 +243,8 @@ pub fn write_profiles(path: &Path, judged: &Model, chosen: &ScoreChoice, data: &
         manifest.thresholds.probabilities = Some(chosen.probabilities.clone());
         manifest.provenance.profile_choice = format!(
             "lowest scores at which the upper 95 % bound (bootstrap) of the objects a scan on no label is at most 0.1 unknown (in each \
-             third of the scans by their points) and 0.2 known (quiet), 0.3 and 0.5 (balanced); probabilities: share of objects on a label of their kind, by range, made to rise \
+             third of the scans by their points) and 0.2 known (quiet), 0.3 and 0.5 (balanced); probabilities: share of objects on a label \
+             of their kind, by range, made to rise \
              with the score; data: {data}"
         );
     })

@@ -52,7 +52,8 @@ pub(crate) struct ModelArguments {
     #[arg(long)]
     write_threshold: bool,
     /// Write the scores of the operating profiles into the model file: the lowest at which the upper 95 % bound of the objects a scan on
-    /// no label is at most 0.1 unknown (in each third of the scans by their points) and 0.2 known (quiet), 0.3 and 0.5 (balanced). And how likely an object is one, by score and range.
+    /// no label is at most 0.1 unknown (in each third of the scans by their points) and 0.2 known (quiet), 0.3 and 0.5 (balanced).
+    /// And how likely an object is one, by score and range.
     /// Needs --refiner range-scaled, as a run has it.
     #[arg(long)]
     write_profiles: bool,
