@@ -122,7 +122,6 @@ impl Breakdown {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::NeighbourPolicy;
     use crate::tests::{found, frame, label};
 
     /// A car this far ahead.
@@ -140,7 +139,7 @@ mod tests {
         pushed.camera_box.location_m[2] = 30.2;
         let detections = vec![found(&near, "car", 0.9), pushed, found(&ghost, "car", 0.95)];
         let frames = [frame(vec![near, far], detections)];
-        let rules = [ClassRule::known("car", 0.5, NeighbourPolicy::Official)];
+        let rules = [ClassRule::known("car", 0.5)];
         let by_range = Breakdown::by_range(&frames, &rules);
         let figures = |b: &Breakdown| -> Vec<(usize, f64)> {
             let entries = b.classes[0].1.iter();

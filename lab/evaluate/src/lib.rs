@@ -44,8 +44,7 @@ pub use paired::paired;
 pub use report::{ApEntry, ApReport, ClassReport, evaluate, render};
 pub use rings::FrameRings;
 pub use rule::{
-    ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownProtocol, rules, unevaluated,
-    unrecognized,
+    ClassRule, RuleRequest, UNKNOWN, UnknownProtocol, rules, unevaluated, unrecognized,
 };
 pub use sweep::{Honest, JudgedPoint, KNOWN_KEPT_MIN, SweepPoint, best_index, honest};
 pub use tracks::Tracks;

@@ -333,7 +333,8 @@ fn rising(mut objects: Vec<(f64, bool)>) -> Vec<[f32; 2]> {
     objects.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
     let share = |[count, _, right]: &[f64; 3]| right / count;
     let mut pools: Vec<[f64; 3]> = vec![];
-    for pool in objects.chunks(POOL) {
+    // What is left over is of the lowest scores.
+    for pool in objects.rchunks(POOL).rev() {
         let right = pool.iter().filter(|object| object.1).count() as f64;
         let scores = pool.iter().map(|object| object.0).sum();
         pools.push([pool.len() as f64, scores, right]);
@@ -380,13 +381,13 @@ pub(crate) fn is_on(detection: &Label, label: &Label) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::UnknownProtocol;
     use crate::tests::{found, found_at, frame, label};
-    use crate::{NeighbourPolicy, UnknownProtocol};
 
     fn rules() -> [ClassRule; 2] {
         let unknown = ["van".to_owned(), "truck".to_owned()];
         [
-            ClassRule::known("car", 0.5, NeighbourPolicy::Official),
+            ClassRule::known("car", 0.5),
             ClassRule::unknown(&unknown, 0.1, UnknownProtocol::Literal),
         ]
     }

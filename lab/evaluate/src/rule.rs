@@ -15,16 +15,6 @@ const KITTI_CLASSES: [(&str, f64); 3] = [("car", 0.7), ("pedestrian", 0.5), ("cy
 const NEVER_KNOWN_UNASKED: [&str; 6] =
     ["dontcare", "misc", "tram", "van", "person_sitting", UNKNOWN];
 
-/// What a class' look-alikes are to it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub enum NeighbourPolicy {
-    /// As the devkit: a van found as a car, or a sitting person found as a pedestrian, is neither right nor wrong.
-    #[default]
-    Official,
-    /// Such a detection is wrong.
-    Strict,
-}
-
 /// What an unknown object may be found on, besides labels of unknown classes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum UnknownProtocol {
@@ -58,12 +48,12 @@ fn contains(names: &[String], class: &str) -> bool {
 }
 
 impl ClassRule {
-    /// A known class.
-    pub fn known(name: &str, iou_min: f64, policy: NeighbourPolicy) -> ClassRule {
+    /// A known class. As the devkit has it, a van found as a car, or a sitting person found as a pedestrian, is neither right nor wrong.
+    pub fn known(name: &str, iou_min: f64) -> ClassRule {
         let name = name.to_ascii_lowercase();
-        let ignored: &[&str] = match (policy, name.as_str()) {
-            (NeighbourPolicy::Official, "car") => &["van"],
-            (NeighbourPolicy::Official, "pedestrian") => &["person_sitting"],
+        let ignored: &[&str] = match name.as_str() {
+            "car" => &["van"],
+            "pedestrian" => &["person_sitting"],
             _ => &[],
         };
         ClassRule {
@@ -134,9 +124,6 @@ pub struct RuleRequest {
     /// What may be found besides labels of these classes.
     #[arg(skip)]
     pub protocol: UnknownProtocol,
-    /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
-    #[arg(long, value_enum, default_value_t)]
-    pub neighbours: NeighbourPolicy,
 }
 
 fn class_overlap(text: &str) -> std::result::Result<(String, f64), String> {
@@ -171,7 +158,7 @@ pub fn rules(request: &RuleRequest, frames: &[LabelledFrame]) -> Result<Vec<Clas
     let mut rules = Vec::new();
     for class in known {
         let iou_min = checked(&class, overlap_of(&class, &request.iou_min))?;
-        rules.push(ClassRule::known(&class, iou_min, request.neighbours));
+        rules.push(ClassRule::known(&class, iou_min));
     }
     if !unknown.is_empty() {
         let iou_min = checked(UNKNOWN, request.unknown_iou_min)?;
@@ -196,7 +183,6 @@ pub fn paper_rules(
     model_name: &str,
     known: &[String],
     unknown: &[String],
-    neighbours: NeighbourPolicy,
 ) -> Result<Vec<ClassRule>> {
     let is_other = |class: &&String| class.eq_ignore_ascii_case("car") && model_name != "kitti";
     let cars = known.iter().filter(is_other);
@@ -205,7 +191,6 @@ pub fn paper_rules(
         iou_min: cars.map(|car| (car.clone(), 0.5)).collect(),
         unknown: unknown.to_vec(),
         unknown_iou_min: UNKNOWN_IOUS[0],
-        neighbours,
         ..RuleRequest::default()
     };
     // The classes are named, so the frames are not asked for them.

@@ -114,22 +114,6 @@ fn without_the_gate_the_objects_are_the_detections() {
     }
 }
 
-#[test]
-fn detections_and_figures_do_not_depend_on_threads() {
-    let mut fixture = Fixture::new(2);
-    let mut run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        pool.expect("threads").install(|| {
-            let (model, set) = (&fixture.model, &fixture.set);
-            fixture.frames = detect_frames(Precision::default(), model, set, || ()).expect("boxes");
-            let points = fixture.sweep(&fixture.judge(&fixture.model));
-            let boxes = fixture.frames.iter().flat_map(|f| f.detections.clone());
-            (boxes.collect::<Vec<Detection>>(), points)
-        })
-    };
-    assert_eq!(run(1), run(3));
-}
-
 /// Scans, an untrained model and boxes as a trained network would keep them.
 struct Fixture {
     folder: tempfile::TempDir,

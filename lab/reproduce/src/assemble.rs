@@ -14,7 +14,7 @@ use crate::report::{ReproductionReport, figure5, figure6, page};
 use crate::simulate::Simulation;
 use crate::train::{BASE, NETWORKS, command_of};
 use mluc_dataset::{Dataset, data_hash};
-use mluc_evaluate::{EvaluateError, JudgedFrames, LabelledFrame, NeighbourPolicy};
+use mluc_evaluate::{EvaluateError, JudgedFrames, LabelledFrame};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 
@@ -117,7 +117,7 @@ fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Value>
     let (layout, setting) = (&options.layout, test.setting);
     let frames = (0..test.set.names().len()).map(|i| Ok(test.set.truth(i)?.with(&[])));
     let frames: Vec<LabelledFrame> = frames.collect::<Result<_>>()?;
-    let rules = setting_rules(setting, NeighbourPolicy::Official)?;
+    let rules = setting_rules(setting)?;
     let labels = JudgedFrames::of(&frames, &rules).all();
     let mut networks = Vec::new();
     for plan in NETWORKS.iter() {

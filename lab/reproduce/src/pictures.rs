@@ -3,7 +3,7 @@
 use crate::evaluated::{ByRow, Evaluated};
 use crate::report::{DrawnScene, Panel};
 use crate::{Result, evaluate::setting_rules, options::TestFrames};
-use mluc_evaluate::{Difficulty, NeighbourPolicy, ObjectKind, SensorDetection};
+use mluc_evaluate::{Difficulty, ObjectKind, SensorDetection};
 
 /// Columns of figure 6 beside the labels, as far as they were evaluated; of two with one title the first.
 const SHOWN: [(&str, &str); 6] = [
@@ -35,7 +35,7 @@ impl Truth {
 
 /// Labels of a frame that are seen at all (in view of the camera where there is one).
 fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>> {
-    let rules = setting_rules(test.setting, NeighbourPolicy::Official)?;
+    let rules = setting_rules(test.setting)?;
     let truth = test.set.truth(index)?;
     let seen = truth.labels.iter().filter(|label| !label.is_dont_care());
     let drawn = seen.map(|label| {

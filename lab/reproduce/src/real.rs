@@ -8,7 +8,7 @@ use crate::{evaluate::read_model, layout::Layout};
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, folder_tail, unknown_classes};
 use mluc_evaluate::{
-    ClassReport, ClassRule, LabelledFrame, NeighbourPolicy, UNKNOWN_IOUS, UnknownProtocol, evaluate,
+    ClassReport, ClassRule, LabelledFrame, UNKNOWN_IOUS, UnknownProtocol, evaluate,
 };
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::PathBuf};
@@ -90,7 +90,7 @@ fn real_row(method: &str, data: &str, threshold: f64, frames: &[LabelledFrame]) 
 
 /// The known classes, then the unknown one.
 fn reports(frames: &[LabelledFrame], protocol: UnknownProtocol) -> Vec<ClassReport> {
-    let known = |(class, iou): (&str, f64)| ClassRule::known(class, iou, NeighbourPolicy::Official);
+    let known = |(class, iou): (&str, f64)| ClassRule::known(class, iou);
     let mut rules: Vec<ClassRule> = IOU_MIN.into_iter().map(known).collect();
     let unknown = unknown_classes("kitti");
     rules.push(ClassRule::unknown(&unknown, UNKNOWN_IOUS[0], protocol));

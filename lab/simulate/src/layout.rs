@@ -7,8 +7,9 @@ pub(crate) mod places;
 
 use super::ground::{Ground, Place};
 use super::objects::{Habit, Model, build, mean_size_m};
+use super::synthetic_unknown::{has_known_size, is_large};
 use super::{Class, Family, Split, Stream, Unseen};
-use super::{footprint::Footprint, random::Dice, synthetic_unknown::has_known_size};
+use super::{footprint::Footprint, random::Dice};
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 /// An object in the scene: its model, and where it stands in the sensor frame.
@@ -102,8 +103,11 @@ impl Layout<'_> {
             let sizes = self.stream.also_known().map(|c| mean_size_m(c, family));
             let sizes: Vec<_> = sizes.map(|m| m.to_array().map(f64::from)).collect();
             let size = |m: &Model| m.size_m().to_array().map(f64::from);
+            let mut also_known = self.stream.also_known();
+            let has_large = also_known.any(|c| matches!(c, Class::Van | Class::Truck));
             for _ in 0..ATTEMPTS {
-                if !has_known_size(size(&model), &sizes) {
+                let size_m = size(&model);
+                if !(has_known_size(size_m, &sizes) || has_large && is_large(size_m)) {
                     break;
                 }
                 model = build(class, family, dice);

@@ -48,6 +48,12 @@ pub fn has_road_size(size_m: [f64; 3], scaling: &Scaling) -> bool {
     (0..3).all(|i| (scaling.least_m[i]..=MOST_M[i]).contains(&size_m[i]))
 }
 
+/// Whether l, w, h are within those of vans, trucks and buses.
+pub(crate) fn is_large(size_m: [f64; 3]) -> bool {
+    let within = |i: usize| (LARGE_M[i][0] as f64..=LARGE_M[i][1] as f64).contains(&size_m[i]);
+    (0..3).all(within)
+}
+
 /// Whether l, w, h are alike those of a known class; `classes_m`: their means.
 pub fn has_known_size(size_m: [f64; 3], classes_m: &[[f64; 3]]) -> bool {
     classes_m.iter().any(|class| {

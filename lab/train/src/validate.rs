@@ -7,7 +7,7 @@ use std::path::Path;
 
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, GatedObjects, detect_frames, paper_rules};
-use mluc_evaluate::{ApReport, EvaluateError, NeighbourPolicy, evaluate};
+use mluc_evaluate::{ApReport, EvaluateError, evaluate};
 use mluc_model::Model;
 
 /// Judges `model` on the first `most` frames of a folder; returns also how many frames and boxes there were. Boxes without a class are no known objects.
@@ -20,8 +20,7 @@ pub(crate) fn validate(
     let mut frames = detect_frames(Precision::default(), model, &set, || ())?;
     frames.iter_mut().for_each(DetectedFrame::drop_generic);
     let name = &model.manifest.name;
-    let (classes, official) = (model.manifest.class_names(), NeighbourPolicy::Official);
-    let rules = paper_rules(name, &classes, &[], official)?;
+    let rules = paper_rules(name, &model.manifest.class_names(), &[])?;
     let found = GatedObjects::ungated(model, &frames);
     let report = evaluate(&found.labelled(&frames, 0), &rules);
     let boxes = frames.iter().map(|frame| frame.detections.len()).sum();

@@ -103,7 +103,7 @@ impl Clusterer for ScanClusterer {
         let reach_m = matched.map_or(reach_m(&proposal.shape), |(_, distance_m)| distance_m);
         if let Some((by, distance_m)) = nearest_known(task.known, &proposal.shape)
             && reach_m > NEAR_M
-            && (distance_m <= NEAR_M || distance_m < reach_m)
+            && (distance_m <= NEAR_M || (matched.is_some() && distance_m < reach_m))
         {
             // All of the points that it is about are the known object's.
             proposal.suppress(Disposition::OverlapsKnown, by, 1.0);

@@ -87,7 +87,7 @@ impl Clouds {
             name: name.to_string(),
             layout: layout.clone(),
             reader,
-            odometry: Odometry::new(layout),
+            odometry: Odometry::new(layout)?,
             poses,
             _participant: participant,
             heard: Instant::now(),

@@ -122,6 +122,15 @@ impl HealthWatch {
         Stage::ALL.map(|stage| self.of(stage).filter(|_| is_heard(stage)).copied())
     }
 
+    /// Whether the stage said that the run's input is at its end.
+    pub fn has_finished(&self, stage: Stage) -> bool {
+        self.of(stage).is_some_and(|health| {
+            let state = health.checked().map(|(_, state)| state);
+            let is_ending = state.is_ok_and(|state| state == HealthState::Stopping);
+            is_ending && health.reason().is_empty() && health.run_id == self.run.id()
+        })
+    }
+
     /// Whether the stage said that it takes frames of the run.
     pub fn is_ready(&self, stage: Stage) -> bool {
         use HealthState::{Degraded, Running, WaitingInput};

@@ -204,17 +204,17 @@ fn refusal(input: &Path) -> String {
     format!("expected a scan ({scan}), a capture, a recording (.mcap), or a folder{help}")
 }
 
-/// Of one format, in order of their names; empty where there is no such folder.
-pub(crate) fn scan_files(folder: &Path, like: Option<&Path>) -> anyhow::Result<Vec<PathBuf>> {
+/// Of one format, in order of their names, those after one; empty where there is no such folder.
+pub(crate) fn scan_files(folder: &Path, after: Option<&Path>) -> anyhow::Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
     let name = folder.display();
     let entries = fs::read_dir(folder).with_context(|| format!("input {name}"))?;
     let paths = entries.flatten().map(|entry| entry.path());
-    let wanted = like.and_then(Format::of);
-    let scans = paths.filter(|path| match (Format::of(path), wanted) {
-        (Some(format), Some(wanted)) => format == wanted,
+    let wanted = after.map(|last| (Format::of(last), in_order(last)));
+    let scans = paths.filter(|path| match (Format::of(path), &wanted) {
+        (Some(format), Some((wanted, last))) => Some(format) == *wanted && in_order(path) > *last,
         (format, _) => format.is_some(),
     });
     let mut scans: Vec<PathBuf> = scans.take(SCANS_MAX + 1).collect();

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant, SystemTime};
 use anyhow::{Context, ensure};
 
 use crate::files::Layout;
-use crate::folder::{Folder, in_order, scan_files};
+use crate::folder::{Folder, scan_files};
 use crate::{LiveScans, Next, Scan};
 
 /// What such an input begins with.
@@ -60,10 +60,7 @@ impl Growing {
             return Ok(None);
         }
         let last = self.folder.scans.first().cloned();
-        let mut scans = scan_files(&self.path, last.as_deref())?;
-        let old = last.as_deref().map(in_order);
-        let count = scans.partition_point(|scan| Some(in_order(scan)) <= old);
-        let mut fresh = scans.split_off(count);
+        let mut fresh = scan_files(&self.path, last.as_deref())?;
         if !self.has_settled(fresh.last()) {
             fresh.pop();
         }
@@ -112,6 +109,7 @@ impl LiveScans for Growing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::folder::in_order;
 
     const PATIENCE: Duration = Duration::from_millis(5);
 

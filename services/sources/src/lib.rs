@@ -220,10 +220,14 @@ impl Source {
         matches!(self.first().kind, Kind::Live(_))
     }
 
-    /// What to say while a live sensor is silent.
+    /// What to say while a live sensor is silent; of several: all of them.
     pub fn silence(&self) -> Option<String> {
-        match &self.first().kind {
+        match &self.kind {
             Kind::Live(live) => live.silence(),
+            Kind::Merged(merged) => {
+                let silent = merged.parts.iter().map(|part| part.source.silence());
+                silent.collect::<Option<Vec<_>>>()?.pop()
+            }
             _ => None,
         }
     }

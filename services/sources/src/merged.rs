@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use mluc_ipc_types::Flags;
+use mluc_ipc_types::{EgoPose, Flags};
 use nalgebra::{IsometryMatrix3, Point3, Rotation3, Translation3};
 use serde::{Deserialize, Serialize};
 
@@ -153,9 +153,10 @@ impl Merged {
         }
     }
 
-    /// The points of all scans that are in the frame; name, stamp and pose are the leader's.
+    /// The points of all scans that are in the frame; name, stamp and motion are the leader's.
     fn write(&self, scan: &mut Scan) {
-        let leader = &self.parts[self.leader].scan;
+        let first = &self.parts[self.leader];
+        let leader = &first.scan;
         scan.bytes.clear();
         let mut flags = Flags::default();
         for part in &self.parts {
@@ -168,6 +169,7 @@ impl Merged {
             bytes: std::mem::take(&mut scan.bytes),
             name: leader.name.clone(),
             flags,
+            pose: leader.pose.map(|pose| first.pose_of_frame(pose)),
             times_ns: vec![],
             ..*leader
         };
@@ -218,6 +220,21 @@ impl Part {
             }
         }
         Some(false)
+    }
+
+    /// Where the frame's coordinates are while the sensor is there, seen from above.
+    fn pose_of_frame(&self, sensor: EgoPose) -> EgoPose {
+        let IsometryMatrix3 {
+            rotation,
+            translation,
+        } = self.frame_from_sensor.cast::<f64>();
+        let yaw_rad = sensor.yaw_rad - rotation.euler_angles().2;
+        let off_m = pose([0.0, 0.0, 0.0, 0.0, 0.0, yaw_rad]) * translation.vector;
+        EgoPose {
+            position_m: std::array::from_fn(|axis| sensor.position_m[axis] - off_m[axis]),
+            yaw_rad,
+            ..sensor
+        }
     }
 
     /// Appends the points in the frame's coordinates; gives what is wrong with the scan.
@@ -299,7 +316,7 @@ mod tests {
         }
     }
 
-    /// Stamps, ms.
+    /// Stamps, ms. The sensor looks back from 10 m ahead.
     struct Stamped(std::vec::IntoIter<u64>);
 
     impl crate::LiveScans for Stamped {
@@ -307,6 +324,12 @@ mod tests {
             let stamp = self.0.next();
             scan.received_ns = stamp.map(|ms| ms * 1_000_000);
             scan.bytes = vec![0; 16];
+            scan.pose = Some(EgoPose {
+                position_m: [10.0, 0.0, 0.0],
+                yaw_rad: std::f64::consts::PI,
+                is_known: 1,
+                reserved: 0,
+            });
             Ok(stamp.map_or(Next::NotYet, |_| Next::Scan))
         }
 
@@ -316,9 +339,11 @@ mod tests {
     }
 
     #[test]
-    fn a_live_scan_of_the_far_future_is_let_go() {
+    fn a_live_scan_of_the_far_future_is_let_go_and_frames_have_poses_of_their_own() {
         let stamps = ["1000,1100,1200", "90000,1100,1200"];
-        let lidars = stamps.map(|stamps| lidar(&stamps[..2], stamps.to_string()));
+        let mut lidars = stamps.map(|stamps| lidar(&stamps[..2], stamps.to_string()));
+        // At the robot's rear.
+        lidars[0].extrinsics = [-2.0, 0.0, 0.0, 0.0, 0.0, std::f64::consts::PI];
         let open: Open = |input, layout, _| {
             let stamps = input.to_str().unwrap().split(',');
             let stamps = stamps.map(|ms| ms.parse().unwrap());
@@ -339,8 +364,11 @@ mod tests {
         }
         let mut source = Source::merge(&lidars, &Layout::default(), [0.0; 6], 50, open).unwrap();
         let mut missing = |sequence| {
-            let next = source.load(sequence, &mut Scan::default());
-            assert_eq!(next.unwrap(), Next::Scan);
+            let mut scan = Scan::default();
+            assert_eq!(source.load(sequence, &mut scan).unwrap(), Next::Scan);
+            let pose = scan.pose.unwrap();
+            let off = (pose.position_m[0] - 12.0).abs() + pose.yaw_rad.abs();
+            assert!(off < 1e-5, "{pose:?}");
             source.missing().to_string()
         };
         assert_eq!([0, 1, 2].map(&mut missing), [" 90", "", ""]);

@@ -7,7 +7,7 @@ use nalgebra::{IsometryMatrix3, Quaternion, Translation3, UnitQuaternion};
 
 use crate::files::{Cloud, Layout, Reader};
 use crate::merged::pose;
-use crate::{Deskew, Scan};
+use crate::{Deskew, Scan, SourceError};
 
 /// Messages that tell of motion, in CDR.
 pub const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
@@ -94,13 +94,17 @@ pub struct Odometry {
 }
 
 impl Odometry {
-    /// Without poses.
-    pub fn new(layout: &Layout) -> Odometry {
-        Odometry {
+    /// Without poses. Errors: axes, since poses are those of the frame that the messages name.
+    pub fn new(layout: &Layout) -> Result<Odometry, SourceError> {
+        if layout.deskew && layout.axes != Layout::default().axes {
+            let found = &layout.axes;
+            return Err(SourceError::field("deskew: axes", "x,y,z", found));
+        }
+        Ok(Odometry {
             frames: BTreeMap::new(),
             base: String::new(),
             base_from_sensor: pose(layout.base_from_sensor),
-        }
+        })
     }
 
     /// Takes a message in CDR, by its type; `is_fixed`: what it tells holds at any time. One that makes no sense is said and left out.

@@ -63,6 +63,7 @@ impl Recording {
         }
         let motion = layout.deskew.then(|| motion(&summary, layout)).transpose();
         let motion = motion.with_context(about)?;
+        let odometry = Odometry::new(layout).with_context(about)?;
         let counts = summary.stats.map(|stats| stats.channel_message_counts);
         let count = counts.filter(|counts| !counts.is_empty());
         let count = count.map(|counts| channels.iter().filter_map(|id| counts.get(id)).sum());
@@ -81,7 +82,7 @@ impl Recording {
             count,
             sequence: 0,
             rounds: Rounds::default(),
-            motion: motion.map(|topic| (topic, Odometry::new(layout))),
+            motion: motion.map(|topic| (topic, odometry)),
         })
     }
 
@@ -256,10 +257,6 @@ fn is_motion(channel: &Channel) -> bool {
 
 /// The topic of poses that is asked for, or `/tf`, or the only other one.
 fn motion(summary: &Summary, layout: &Layout) -> Result<String, SourceError> {
-    if layout.axes != Layout::default().axes {
-        // Poses are those of the frame that the messages name.
-        return refused("deskew: axes", "x,y,z", &layout.axes);
-    }
     let has = |topic: &str| {
         let mut channels = summary.channels.values();
         channels.any(|c| c.topic == topic && is_motion(c))

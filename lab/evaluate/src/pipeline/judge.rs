@@ -7,7 +7,7 @@ use super::{
 use crate::open_set::unknown_as_known;
 use crate::{
     ApReport, Breakdown, ClassReport, ClassRule, EvaluateError, FrameRings, JudgedPoint,
-    LabelledFrame, NeighbourPolicy, ObjectKind, Operating, Result, SweepPoint, evaluate,
+    LabelledFrame, ObjectKind, Operating, Result, SweepPoint, evaluate,
 };
 use mluc_backbone::Precision;
 use mluc_dataset::whole_file::write_whole;
@@ -56,8 +56,7 @@ pub fn judge(
     settings: &Settings,
 ) -> Result<ModelJudgement> {
     let classes = model.manifest.class_names();
-    let neighbours = NeighbourPolicy::Official;
-    let rules = paper_rules(&model.manifest.name, &classes, unknown, neighbours)?;
+    let rules = paper_rules(&model.manifest.name, &classes, unknown)?;
     let gate = ModelGate::of(model);
     let threshold = gate.threshold(&model.manifest.thresholds);
     let asked = vec![0.0, f64::from(threshold)];

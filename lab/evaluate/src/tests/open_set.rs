@@ -2,8 +2,8 @@
 
 use crate::sweep::quantile_grid;
 use crate::{
-    ClassRule, FrameTruth, JudgedFrames, JudgedPoint, LabelledFrame, NeighbourPolicy, ObjectKind,
-    SensorDetection, SweepPoint, UnknownProtocol, best_index, evaluate, honest,
+    ClassRule, FrameTruth, JudgedFrames, JudgedPoint, LabelledFrame, ObjectKind, SensorDetection,
+    SweepPoint, UnknownProtocol, best_index, evaluate, honest,
 };
 use crate::{open_set::unknown_as_known, pipeline::ModelGate};
 use mluc_dataset::Label;
@@ -85,7 +85,7 @@ fn cars_and_forklifts() -> Scene {
         truths: (0..60).map(frame).collect(),
         kept: (0..60).map(kept).collect(),
         rules: vec![
-            ClassRule::known("car", 0.5, NeighbourPolicy::Official),
+            ClassRule::known("car", 0.5),
             ClassRule::unknown(&["forklift".to_owned()], 0.1, UnknownProtocol::Literal),
         ],
     }

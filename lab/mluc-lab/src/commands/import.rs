@@ -22,9 +22,6 @@ pub(crate) struct ImportArguments {
     /// The model file to be written.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Name of the model; `kitti` is judged by KITTI's rules.
-    #[arg(long, default_value = "kitti")]
-    name: String,
     /// Classes in the order of the checkpoint's configuration.
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..", value_parser = lower)]
     #[arg(default_value = "car,pedestrian,cyclist")]
@@ -32,8 +29,6 @@ pub(crate) struct ImportArguments {
     /// Anchor of a class, m; bottom is its z in the sensor frame. Those of OpenPCDet's KITTI configurations are known.
     #[arg(long, value_parser = anchor, value_name = "CLASS=LENGTH,WIDTH,HEIGHT,BOTTOM")]
     anchor: Vec<AnchorClass>,
-    #[arg(long, default_value_t = 1.73)]
-    sensor_height_m: f32,
     /// Boxes below this score are not reported.
     #[arg(long, default_value_t = 0.1)]
     score_min: f32,
@@ -74,8 +69,7 @@ impl ImportArguments {
             given.cloned().map_or_else(|| exchange::anchor(name), Ok)
         };
         let classes: anyhow::Result<_> = self.classes.iter().map(class).collect();
-        let mut manifest = second(&self.name, classes?);
-        manifest.sensor_height_m = self.sensor_height_m;
+        let mut manifest = second("kitti", classes?);
         manifest.thresholds.objectness_min = self.score_min;
         Ok(manifest)
     }

@@ -157,7 +157,7 @@ fn frames_without_detections_count_and_are_warned_about() {
 }
 
 #[test]
-fn overlaps_classes_and_neighbours_can_be_chosen() {
+fn overlaps_and_classes_can_be_chosen() {
     let folder = Folder::new();
     folder.scene("a", NO_CAMERA, 1);
     let mut objects = folder.perfect_objects("a");
@@ -172,7 +172,6 @@ fn overlaps_classes_and_neighbours_can_be_chosen() {
     for (options, expected) in [
         ("--json", 0.0),
         ("--json --iou car=0.5,pedestrian=0.25", 100.0),
-        ("--json --iou car=0.5 --neighbours strict", 50.0),
     ] {
         let found = figure(&folder.json(&ap("a", options)), CAR, "ap_all");
         assert_eq!(found, expected, "{options}");

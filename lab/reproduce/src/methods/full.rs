@@ -1,5 +1,5 @@
 //! Our whole method: boxes of the classes that the logit of the unknown doubts, and boxes without a class; each refined by the
-//! range-scaled clustering, ranked by objectness x P(unknown) x the score of its cluster, sizes of no road user last.
+//! range-scaled clustering, ranked by objectness x P(unknown)^3 x the score of its cluster, sizes of no road user last.
 //!
 //! The product's own gate and refiner do it: with every part this is what `mluc up` runs, but each box is read once. A known object is removed only
 //! where the gate fires and P(unknown) is one half or more.
@@ -7,6 +7,7 @@
 use super::MethodInput;
 use crate::Result;
 use mluc_evaluate::pipeline::{DetectedFrame, GatedObjects, ModelGate};
+use mluc_ipc_types::Detection;
 use mluc_model::{CLUSTER_SCORER, HeadKind, Model};
 use mluc_refiner::{Settings, Study, Variant};
 
@@ -45,6 +46,12 @@ pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
             let boxes = frame.detections.iter_mut();
             let p = |delta: f32| 1.0 / (1.0 + (-(delta - DELTA_HALF) / DELTA_WIDTH).exp());
             boxes.for_each(|d| d.unknown_probability = p(d.delta));
+        }
+        if !refine {
+            // The refiner ranks boxes as they are by 1 / EDS: all steps by the same score.
+            let score = |d: &Detection| d.objectness * d.unknown_probability.powi(3);
+            let boxes = frame.detections.iter_mut();
+            boxes.for_each(|d| d.eds = 1.0 / score(d).max(1e-6));
         }
         frame
     };

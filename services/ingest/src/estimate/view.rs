@@ -133,10 +133,15 @@ impl View {
 /// Sectors that lie in the profile's field as a whole, and in which the own body leaves the horizon free.
 fn field(sensor: &SensorProfile) -> u64 {
     let [middle_deg, width_deg] = sensor.field_deg.unwrap_or([0.0, 360.0]);
+    let units = sensor.units.iter().map(|unit| unit.yaw_deg);
+    let yaws_deg: Vec<f32> = units
+        .chain(sensor.units.is_empty().then_some(0.0))
+        .collect();
     let is_inside = |sector: &usize| {
         let center_deg = (*sector as f32 + 0.5) * SECTOR_DEG;
-        let is_inside = degrees_off(center_deg, middle_deg) + SECTOR_DEG / 2.0 <= width_deg / 2.0;
-        is_inside && !sensor.hides(center_deg)
+        let off_deg = |yaw_deg| degrees_off(center_deg, middle_deg + yaw_deg);
+        let is_seen = |yaw_deg: &f32| off_deg(*yaw_deg) + SECTOR_DEG / 2.0 <= width_deg / 2.0;
+        yaws_deg.iter().any(is_seen) && !sensor.hides(center_deg)
     };
     let sectors = (0..Status::SECTORS).filter(is_inside);
     sectors.map(|sector| 1 << sector).sum()
@@ -145,7 +150,7 @@ fn field(sensor: &SensorProfile) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mluc_model::BlindSector;
+    use mluc_model::{BlindSector, SensorUnit};
 
     /// Rings on the ground below the sensor in the sectors `from..to`.
     fn ring(from: usize, to: usize) -> Vec<Point> {
@@ -220,6 +225,16 @@ mod tests {
             ..ahead.clone()
         };
         assert_eq!(View::new(Some(&mast)).expected().count_ones(), 10);
+        // 30 to 150 degrees to each side.
+        let unit = |yaw_deg| SensorUnit {
+            yaw_deg,
+            ..SensorUnit::default()
+        };
+        let sides = SensorProfile {
+            units: vec![unit(90.0), unit(-90.0)],
+            ..ahead.clone()
+        };
+        assert_eq!(View::new(Some(&sides)).expected(), 0xfff << 3 | 0xfff << 21);
         let left = ring(0, 6);
         let right = ((1 << 36) - 1) ^ ((1 << 30) - 1);
         assert_eq!(looked(&mut view, &left), (right, false));

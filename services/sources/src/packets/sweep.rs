@@ -28,6 +28,8 @@ pub(super) struct Sweep {
     last_column_ns: u64,
     last_sequence: Option<u64>,
     last_packet_ns: Option<u64>,
+    /// Packets lost before the datagram at hand.
+    lost_before: u32,
     /// Time and azimuth of the packet after the last gap.
     last_gap: Option<(u64, u16)>,
 }
@@ -46,6 +48,7 @@ impl Sweep {
 
     /// A packet's number among `modulus` ones.
     pub(super) fn sequence(&mut self, sequence: u64, modulus: u64) {
+        self.lost_before = 0;
         let last = self.last_sequence.replace(sequence);
         let Some(last) = last else { return };
         let step = (sequence + modulus - last) % modulus;
@@ -63,6 +66,7 @@ impl Sweep {
     /// A packet's time by the sensor's clock and its first azimuth, where packets have no numbers. A gap at the azimuth of the last turn's is a sector that the
     /// sensor leaves out.
     pub(super) fn packet(&mut self, stamp_ns: u64, interval_ns: u64, azimuth_cdeg: u16) {
+        self.lost_before = 0;
         let last = self.last_packet_ns.replace(stamp_ns);
         let Some(last) = last else { return };
         match stamp_ns.checked_sub(last) {
@@ -87,6 +91,7 @@ impl Sweep {
 
     fn lost(&mut self, packets: u64) {
         self.counts.lost += packets;
+        self.lost_before = packets as u32;
         let lost = &mut self.revolution.packets_lost;
         *lost = lost.saturating_add(packets as u32);
     }
@@ -99,23 +104,32 @@ impl Sweep {
         on: &mut dyn FnMut(&Revolution),
     ) {
         let last = self.last_azimuth_cdeg.replace(azimuth_cdeg);
-        let passes_zero = last.is_some_and(|last| {
-            last > azimuth_cdeg + BACK_CDEG || azimuth_cdeg > last.saturating_add(18_000)
-        });
+        let last = last.unwrap_or(azimuth_cdeg);
+        let passes_zero =
+            last > azimuth_cdeg + BACK_CDEG || azimuth_cdeg > last.saturating_add(18_000);
         let age_ns = stamp_ns.saturating_sub(self.revolution.stamp_ns);
         let goes_on = stamp_ns > self.last_column_ns;
         self.last_column_ns = stamp_ns;
         // A late packet is no new turn, and at the border packets pass 0 more than once.
         if passes_zero && goes_on && (!self.begins_whole || age_ns >= TURN_MIN_NS) {
-            self.cut(true, on);
+            // What was lost around the border belongs to both turns, by their angles.
+            let [before, after] = [last, azimuth_cdeg].map(|at| u64::from(at.min(36_000)));
+            let (before, after) = match after > before {
+                true => (before, 36_000 - after),
+                false => (36_000 - before, after),
+            };
+            let lost = u64::from(self.lost_before) * after;
+            let lost = (lost + (before + after) / 2) / (before + after).max(1);
+            self.cut(true, lost as u32, on);
         }
+        self.lost_before = 0;
         self.shots(stamp_ns, on);
     }
 
     /// Shots, the earliest of them at `stamp_ns`. Ends a revolution that is too old for them.
     pub(super) fn shots(&mut self, stamp_ns: u64, on: &mut dyn FnMut(&Revolution)) {
         if self.is_open && self.revolution.stamp_ns.abs_diff(stamp_ns) > TURN_MAX_NS {
-            self.cut(false, on);
+            self.cut(false, 0, on);
         }
         if !self.is_open {
             self.is_open = true;
@@ -153,19 +167,24 @@ impl Sweep {
         revolution.offsets_ns.push(offset_ns as u32);
     }
 
-    /// Gives out the revolution and begins the next one; `is_whole`: here a turn ends and the next one starts.
-    pub(super) fn cut(&mut self, is_whole: bool, on: &mut dyn FnMut(&Revolution)) {
+    /// Gives out the revolution and begins the next one; `is_whole`: here a turn ends and the next one starts, unless the sensor was silent. `lost_after`: packets lost just before, of the
+    /// next one, at most.
+    pub(super) fn cut(&mut self, is_whole: bool, lost_after: u32, on: &mut dyn FnMut(&Revolution)) {
+        let age_ns = self.received_ns.abs_diff(self.revolution.received_ns);
+        let is_whole = is_whole && age_ns <= TURN_MAX_NS;
         let begins_whole = std::mem::replace(&mut self.begins_whole, is_whole);
         if !std::mem::take(&mut self.is_open) {
             return;
         }
+        let lost_after = lost_after.min(self.lost_before);
         let revolution = &mut self.revolution;
+        revolution.packets_lost -= lost_after.min(revolution.packets_lost);
         revolution.is_partial = !(begins_whole && is_whole);
         self.counts.revolutions += 1;
         on(revolution);
         revolution.points.clear();
         revolution.offsets_ns.clear();
         revolution.dropped_over_limit = 0;
-        revolution.packets_lost = 0;
+        revolution.packets_lost = lost_after;
     }
 }

@@ -180,9 +180,11 @@ fn every_family_gives_revolutions_with_times_and_counts_what_is_lost() {
         assert!(decoder.product().starts_with(product), "{product}");
         let mut scans: Vec<Revolution> = vec![];
         let mut keep = |scan: &Revolution| scans.push(scan.clone());
-        // From the middle of a turn to the middle of the fourth, over the full hour, one packet lost and one of another sender in its place.
+        // From the middle of a turn to the middle of the fourth, over the full hour, one packet lost and one of another sender in its place; two lost
+        // where the third turn begins.
         let middle = kind.per_turn / 2;
-        for n in middle..middle + 3 * kind.per_turn {
+        let border = 2 * kind.per_turn - 1..=2 * kind.per_turn;
+        for n in (middle..middle + 3 * kind.per_turn).filter(|n| !border.contains(n)) {
             let since = i64::from(n) - 2 * i64::from(kind.per_turn);
             let ns = HOUR_NS.saturating_add_signed(since * kind.interval_ns as i64);
             let packet = kind.packet(n, ns);
@@ -194,23 +196,26 @@ fn every_family_gives_revolutions_with_times_and_counts_what_is_lost() {
         }
         decoder.finish(&mut keep);
         let expected = Counts {
-            packets: u64::from(3 * kind.per_turn - 1),
+            packets: u64::from(3 * kind.per_turn - 3),
             other_traffic: 1,
-            lost: 1,
+            lost: 3,
             revolutions: 4,
             ..Counts::default()
         };
         assert_eq!(decoder.counts(), expected, "{product}");
         let told = scans.iter().map(|s| (s.is_partial, s.packets_lost));
-        let expected = [(true, 0), (false, 1), (false, 0), (true, 0)];
+        let expected = [(true, 0), (false, 2), (false, 1), (true, 0)];
         assert_eq!(told.collect::<Vec<_>>(), expected, "{product}");
-        for (scan, packets) in [(&scans[1], kind.per_turn - 1), (&scans[2], kind.per_turn)] {
+        for (scan, packets) in [
+            (&scans[1], kind.per_turn - 2),
+            (&scans[2], kind.per_turn - 1),
+        ] {
             let points = packets as usize * kind.points_per_packet;
             assert_eq!(scan.points.len(), points, "{product}");
             check_points(&kind, scan);
         }
         let turn_ns = scans[2].stamp_ns - scans[1].stamp_ns;
-        let expected_ns = u64::from(kind.per_turn) * kind.interval_ns;
+        let expected_ns = u64::from(kind.per_turn + 1) * kind.interval_ns;
         assert!(turn_ns.abs_diff(expected_ns) < 2000, "{product}: {turn_ns}");
     }
 }
@@ -228,6 +233,25 @@ fn a_late_packet_begins_no_turn() {
         decoder.push(&datagram(ns, &packet), &mut keep);
     }
     assert_eq!((points, decoder.counts().late), (vec![35, 75, 75], 1));
+}
+
+#[test]
+fn turns_around_a_silence_are_partial() {
+    for kind in kinds() {
+        let (mut decoder, mut turns) = (kind.decoder(), vec![]);
+        let mut keep = |turn: &Revolution| turns.push(turn.is_partial);
+        // Silence from the middle of the second turn to a tenth of the eighth.
+        let turn = kind.per_turn;
+        let away = 7 * turn;
+        let before = 0..turn + turn / 2;
+        for n in before.chain(away + turn / 10..away + 3 * turn) {
+            let ns = HOUR_NS - 900_000_000 + u64::from(n) * kind.interval_ns;
+            decoder.push(&datagram(ns, &kind.packet(n, ns)), &mut keep);
+        }
+        decoder.finish(&mut keep);
+        let expected = [true, true, true, false, true];
+        assert_eq!(turns, expected, "{}", kind.product);
+    }
 }
 
 /// Times, ranges, and that the head turns clockwise from ahead.

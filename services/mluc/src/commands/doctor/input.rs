@@ -32,7 +32,8 @@ pub(super) fn findings(
     for number in 0..SCANS {
         let next = loop {
             let next = source.load(number * step, &mut scan)?;
-            if next != Next::NotYet || begun.elapsed() > PATIENCE {
+            let is_silent = source.is_live() && begun.elapsed() > PATIENCE;
+            if next != Next::NotYet || is_silent {
                 break next;
             }
         };

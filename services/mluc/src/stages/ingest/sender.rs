@@ -3,7 +3,7 @@
 use std::panic::resume_unwind;
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use crossbeam_channel::{RecvTimeoutError, bounded};
 use mluc_ingest::{DecodeReport, Expected, Guard, decode_bin, inspect_bin};
 use mluc_ipc_types::{Flags, FrameHeader, HealthState, Object, POINTS_MAX, Point, Stage, Topic};
@@ -41,6 +41,8 @@ pub(crate) struct Sender<'a> {
     /// The last scan once more, for a look after it was sent.
     again: Vec<Point>,
     pub(crate) loaded: Loaded,
+    /// Of the last frame that was sent.
+    run_id: Option<u64>,
     /// Between scans without stamps, ns, where they are read at no sensor's pace.
     pub(crate) step_ns: Option<u64>,
 }
@@ -79,6 +81,7 @@ impl Sender<'_> {
             },
             again: Vec::with_capacity(POINTS_MAX),
             loaded: Loaded::default(),
+            run_id: None,
             step_ns: None,
         })
     }
@@ -208,6 +211,9 @@ impl Sender<'_> {
         let mut header = FrameHeader::new(sequence, &scan.name);
         let run = self.shell.run().context("the run")?;
         (header.run_id, header.model_fingerprint) = (run.run_id, run.model_fingerprint);
+        let last_run = self.run_id.replace(run.run_id);
+        let is_same = last_run.is_none_or(|last| last == run.run_id);
+        ensure!(is_same, "another run has begun");
         header.attempt = attempt;
         let at_rate_ns = |step_ns: u64| run.started_ns + sequence * step_ns;
         let read_ns = || self.step_ns.map_or_else(wall_clock_ns, at_rate_ns);
@@ -228,8 +234,8 @@ impl Sender<'_> {
         // A frame that is sent again is no new scan. A look takes some ms: but for the first ones it waits until the frame is sent.
         let looks_later = attempt == 0 && self.suspicion.guards.made.looks_later();
         let is_loop = self.source.count() == Some(1);
-        // The first turn of a capture is a part: it would be told as a sensor that is covered.
-        let is_part = sequence == 0 && scan.flags.contains(Flags::DAMAGED_INPUT);
+        // The first turn of a capture or a live sensor is a part: it would be told as a sensor that is covered.
+        let is_part = last_run.is_none() && scan.flags.contains(Flags::DAMAGED_INPUT);
         if attempt == 0 && !looks_later && !is_part {
             let points = loan.elements_mut();
             self.suspicion.judge(points, &report, is_loop);
