@@ -98,17 +98,21 @@ fn a_stage_of_somebody_else_is_reported_and_never_signalled() {
 }
 
 #[test]
-fn an_ingest_of_somebody_else_goes_on_behind_the_one_before_it() {
+fn an_ingest_of_somebody_else_goes_on_behind_the_one_before_it_and_ends_the_run_with_its_input() {
     let setting = Setting::new("ingest", 3);
     let mut run = setting.up("--without ingest --loop");
     run.wait_until("our stages run", |run| run.stages().len() == 3);
     for _ in 0..2 {
-        let ingest = setting.stage("ingest", &setting.instance);
+        let ingest = setting.stage("ingest --loop", &setting.instance);
         run.wait_for_lines(3);
         ingest.stop();
     }
     let run = setting.stop(run);
     run.assert_complete(0, run.lines.len() as u64);
+    // With its input a run ends.
+    let run = setting.up("--without ingest");
+    let _ingest = setting.stage("ingest", &setting.instance);
+    setting.finish(run).assert_complete(0, 3);
 }
 
 #[test]
