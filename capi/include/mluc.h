@@ -327,7 +327,7 @@ int32_t mluc_source_open(mluc_source **source);
 int32_t mluc_source_wait(mluc_source *source, uint32_t wait_ms, uint64_t *sequence);
 
 /* Publishes a scan: x forward, y left, z up in m, intensity 0 to 1. Points that are not finite or beyond MLUC_POINTS_MAX are left
- * out, counted and flagged. stamp_ns: the sensor's time, ns since 1970 (0: now); name: its first 48 bytes (null: the number). */
+ * out, counted and flagged. stamp_ns: the sensor's time, ns since 1970 (0: now); name: its last 48 bytes (null: the number). */
 int32_t mluc_source_publish(mluc_source *source, const mluc_point *points, size_t points_count, uint64_t stamp_ns, const char *name);
 
 /* The input is at its end: waits until the last scan has passed, at most timeout_ms, and ends the run. Without it the run ends

@@ -46,19 +46,6 @@ fn a_file_on_standard_input_is_an_input() {
 }
 
 #[test]
-fn the_same_scans_give_the_same_objects_whatever_the_threads() {
-    let setting = Setting::new("threads", 3);
-    let runs = ["1", "3"].map(|threads| setting.run(&format!("--threads=backbone={threads}")));
-    let objects = |run: &Finished| {
-        let lines = run.lines.iter();
-        let objects = lines.map(|line| [&line["objects"], &line["suppressed"]].map(Clone::clone));
-        objects.collect::<Vec<_>>()
-    };
-    assert_eq!(objects(&runs[0]).len(), 3);
-    assert_eq!(objects(&runs[0]), objects(&runs[1]));
-}
-
-#[test]
 fn frames_are_late_when_a_budget_is_set_and_passed_alone() {
     let setting = Setting::new("late", 2);
     let late = |options: &str| {

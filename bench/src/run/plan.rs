@@ -80,7 +80,9 @@ impl Plan {
                 (bundled.folder().to_path_buf(), origin, Some(bundled))
             }
         };
-        let count = Source::open(&input, &Layout::default(), false)?.count();
+        let layout = document.get("layout").cloned().map(Layout::deserialize);
+        let layout = layout.transpose()?.unwrap_or_default();
+        let count = Source::open(&input, &layout, false)?.count();
         let count = count.map_or("all".to_string(), |count| count.to_string());
         let scans = format!("{count} {origin}, in turn");
         let model_name = args.model.clone().or(word("model"));

@@ -4,7 +4,6 @@
 //! Sizes are varied while it is fitted, so that it learns bodies against walls and leaves rather than sizes. Extension of the paper.
 
 use mluc_backbone::Precision;
-use mluc_dataset::SYNTHETIC_UNKNOWN;
 use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, ModelGate, detect_frames};
 use mluc_geometry::{Box3, Random, intersection_over_min_area, iou_3d};
 use mluc_ipc_types::Object;
@@ -15,6 +14,7 @@ use mluc_refiner::{ClusterScorer, Refiner, RefinerError, RefinerOutput, Sensor, 
 use rayon::prelude::*;
 
 use crate::optimizer::{Adam, Schedule};
+use crate::synthetic_unknown::stands_for_unknown;
 use crate::{error::TrainError, mlp::Mlp};
 
 const STEPS: u64 = 400;
@@ -40,9 +40,10 @@ pub fn fit_to_proposals(
     let frames = detect_frames(Precision::default(), model, set, step)?;
     let sensor = Sensor::from_manifest(&model.manifest)?;
     let refiner = || Refiner::new(Settings::default(), &sensor);
+    let classes = model.manifest.class_names();
     let of_frame = |refiner: &mut Result<Refiner, RefinerError>, (number, frame)| {
         let refiner = refiner.as_mut().map_err(|fault| fault.clone())?;
-        proposed(refiner, set, number, frame)
+        proposed(refiner, set, number, frame, &classes)
     };
     let frames = frames.par_iter().enumerate().map_init(refiner, of_frame);
     let examples = frames.collect::<Result<Vec<_>, TrainError>>()?.concat();
@@ -55,10 +56,11 @@ fn proposed(
     set: &FrameSet,
     number: usize,
     frame: &DetectedFrame,
+    classes: &[String],
 ) -> Result<Vec<Example>, TrainError> {
     let calibration = &frame.truth.calibration;
     let labels = frame.truth.labels.iter();
-    let labels = labels.filter(|label| label.is(SYNTHETIC_UNKNOWN));
+    let labels = labels.filter(|label| stands_for_unknown(label, classes));
     let in_sensor = labels.map(|label| calibration.box_in_sensor_from_label(&label.camera_box));
     let synthetic: Vec<Box3> = in_sensor.collect();
     let mut refined = RefinerOutput::default();

@@ -1,11 +1,12 @@
 //! Labelled scans by number, from a folder in KITTI's format.
 
-use mluc_dataset::{Dataset, SYNTHETIC_UNKNOWN};
+use mluc_dataset::Dataset;
 use mluc_geometry::Box3;
 use mluc_model::VoxelInput;
 
 use crate::error::TrainError;
 use crate::scan::{LabelledObject, LabelledScan};
+use crate::synthetic_unknown::stands_for_unknown;
 
 /// A label whose visibility is worse than this teaches nothing new about an object's looks.
 const OCCLUDED_MAX: i32 = 2;
@@ -54,7 +55,8 @@ impl ScanSource {
                 class: self.class_of(&label.class),
                 bounds,
                 points: 0,
-                synthetic_unknown: self.takes_synthetic_unknown && label.is(SYNTHETIC_UNKNOWN),
+                synthetic_unknown: self.takes_synthetic_unknown
+                    && stands_for_unknown(&label, &self.classes),
             });
         }
         scan.points = self.dataset.scan(name)?;

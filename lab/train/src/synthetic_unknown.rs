@@ -4,6 +4,7 @@
 //! cut out, as windows and open sides do. What still has the size of a known class is thrown away. The result moves along its bearing by the mean factor, so
 //! that its points are as dense as a scan's. Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
 
+use mluc_dataset::{Label, SYNTHETIC_UNKNOWN};
 use mluc_geometry::{Box3, Random};
 use mluc_simulate::synthetic_unknown::{
     CUT_CHANCE, CUT_LOW, CUT_SHARE, JOIN_CHANCE, ON_ROADS, has_known_size, has_road_size,
@@ -17,6 +18,13 @@ const ANGLE_MAX_RAD: f64 = 0.5;
 const DRAWS: usize = 12;
 /// Fewer points are no object.
 const POINTS_MIN: usize = 8;
+
+/// Whether a label stands for the unknown: a synthetic unknown object, or what everybody labels where a network does not learn it.
+pub(crate) fn stands_for_unknown(label: &Label, classes: &[String]) -> bool {
+    let usual = ["car", "pedestrian", "cyclist"].into_iter();
+    let mut unlearned = usual.filter(|usual| !classes.iter().any(|class| class == usual));
+    label.is(SYNTHETIC_UNKNOWN) || unlearned.any(|class| label.is(class))
+}
 
 /// An object in its own frame: origin at the middle of its bottom, x along its heading.
 struct Local {

@@ -84,6 +84,8 @@ const GAP_RANGE_M: f32 = 8.0;
 /// The range of a real sensor ends farther, m; and a limit is one where this share of directions ends.
 const RANGE_END_MIN_M: f32 = 30.0;
 const RANGE_END_SHARE: f32 = 0.45;
+/// A field as narrow as this may be all wall.
+const NARROW_DEG: f32 = 100.0;
 /// Equal scans in a row that are no chance.
 const FROZEN_MIN: u32 = 4;
 /// Points of a scan that tell whether it is the last one.
@@ -193,7 +195,9 @@ impl Expected {
         let (end_m, end_share) = (found.range_end_m, found.range_end_share);
         let sees_m = self.sensor.as_ref().map_or(f32::MAX, |s| s.range_m[1]);
         let least_m = RANGE_END_MIN_M.min(sees_m - 1.0);
-        let is_cut = end_m < least_m && end_share > RANGE_END_SHARE;
+        // A wall before a narrow field ends all of its beams alike.
+        let is_wide = found.field_deg[1] > NARROW_DEG;
+        let is_cut = is_wide && end_m < least_m && end_share > RANGE_END_SHARE;
         add(is_cut, Reason::Range(end_m, least_m));
         // Scans in another frame or unit say nothing of mounting and beams.
         if found.up == Up::default() {
@@ -222,10 +226,13 @@ impl Expected {
     fn judge_beams(&self, found: &SensorEstimate, add: &mut impl FnMut(bool, Reason)) {
         let [low, high] = self.takes.beams;
         // Without clear beams the count is that of all sensors together.
+        let has_waves = self.sensor.as_ref().is_some_and(|s| s.wave.is_some());
         let is_known = found.are_beams_clear || found.azimuth_step_deg.is_some();
         let merged = if found.are_beams_clear { 1 } else { 4 };
         let fits = (low..=high.saturating_mul(merged)).contains(&found.beams);
-        add(is_known && !fits, Reason::Beams(found.beams, [low, high]));
+        // Lines that wave show no beams.
+        let are_others = is_known && !fits && !has_waves;
+        add(are_others, Reason::Beams(found.beams, [low, high]));
         let gap_deg = self.gap_deg(found);
         add(gap_deg >= GAP_MIN_DEG, Reason::Field(gap_deg));
     }
@@ -280,7 +287,7 @@ impl Expected {
         let [top, bottom] = sensor.vertical_field_deg();
         // Of merged sensors the profile's elevations are of one of them; one that is too tilted for the model sends levelled points, whose elevations are others.
         let tilt_deg = sensor.pitch_deg.hypot(sensor.roll_deg);
-        if sensor.units.len() > 1 || tilt_deg > self.takes.tilt_max_deg {
+        if !sensor.units.is_empty() || tilt_deg > self.takes.tilt_max_deg {
             return;
         }
         if let Some(step_deg) = found.azimuth_step_deg {

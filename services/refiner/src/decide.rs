@@ -98,7 +98,9 @@ impl UnknownScorer {
 
     /// What the robot's owner allows it to drive over is not published.
     pub(crate) fn decide(&self, proposal: &mut Proposal) {
-        let [length, width, height] = proposal.shape.size_m;
+        let [length, width, seen_m] = proposal.shape.size_m;
+        // Its top may lie as high above as beams leave unseen.
+        let height = seen_m + proposal.measures.map_or(0.0, |m| m.beam_gap_m.into());
         if height < self.robot.height_min_m || length.min(width) < self.robot.width_min_m {
             proposal.disposition = Disposition::Undersized;
         }

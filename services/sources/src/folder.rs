@@ -58,7 +58,7 @@ impl Folder {
             check(&scans)?;
             return Ok(Folder { scans, ..found });
         }
-        for inner in ["velodyne", "velodyne_points/data", ""] {
+        for inner in PLACES {
             let folder = input.join(inner);
             let scans = scan_files(&folder, None)?;
             if !scans.is_empty() {
@@ -204,6 +204,17 @@ fn refusal(input: &Path) -> String {
     format!("expected a scan ({scan}), a capture, a recording (.mcap), or a folder{help}")
 }
 
+/// Where a folder's scans may lie.
+const PLACES: [&str; 3] = ["velodyne", "velodyne_points/data", ""];
+
+/// Whether there is a scan in one of its places.
+pub(crate) fn has_scans(folder: &Path) -> bool {
+    let scans = |inner| scan_files(&folder.join(inner), None);
+    PLACES
+        .into_iter()
+        .any(|inner| scans(inner).is_ok_and(|scans| !scans.is_empty()))
+}
+
 /// Of one format, in order of their names, those after one; empty where there is no such folder.
 pub(crate) fn scan_files(folder: &Path, after: Option<&Path>) -> anyhow::Result<Vec<PathBuf>> {
     if !folder.is_dir() {
@@ -211,7 +222,10 @@ pub(crate) fn scan_files(folder: &Path, after: Option<&Path>) -> anyhow::Result<
     }
     let name = folder.display();
     let entries = fs::read_dir(folder).with_context(|| format!("input {name}"))?;
-    let paths = entries.flatten().map(|entry| entry.path());
+    // Hidden files are notes of another system.
+    let entries = entries.flatten();
+    let entries = entries.filter(|entry| !entry.file_name().as_encoded_bytes().starts_with(b"."));
+    let paths = entries.map(|entry| entry.path());
     let wanted = after.map(|last| (Format::of(last), in_order(last)));
     let scans = paths.filter(|path| match (Format::of(path), &wanted) {
         (Some(format), Some((wanted, last))) => Some(format) == *wanted && in_order(path) > *last,

@@ -11,6 +11,7 @@ use mluc_ipc_types::{EgoPose, Flags};
 use nalgebra::{IsometryMatrix3, Point3, Rotation3, Translation3};
 use serde::{Deserialize, Serialize};
 
+use crate::recording::LOOKS_MAX;
 use crate::{Kind, Next, Open, Scan, Source, files::Layout};
 
 /// `[[lidar]]`: one of several sensors.
@@ -180,7 +181,10 @@ impl Part {
     /// Whether the sensor has a scan for the frame; `None`: ask again. One that fails is as one that ends: the others go on.
     fn seek(&mut self, frame: Frame, tolerance: Duration) -> Option<bool> {
         let (sequence, frame_ns, begun) = frame;
-        while !self.is_over {
+        for _ in 0..LOOKS_MAX {
+            if self.is_over {
+                return Some(false);
+            }
             if !self.has_scan {
                 let is_late = self.source.silence().is_some() || begun.elapsed() > tolerance;
                 let number = frame_ns.map_or(sequence, |_| self.number);
@@ -219,7 +223,7 @@ impl Part {
                 return Some(is_near);
             }
         }
-        Some(false)
+        None
     }
 
     /// Where the frame's coordinates are while the sensor is there, seen from above.

@@ -11,6 +11,7 @@ use mcap::{Channel, Summary, io::MessageReader};
 use mluc_ipc_types::Flags;
 
 use crate::files::{CLOUDS, Cloud, Layout};
+use crate::folder::has_scans;
 use crate::motion::{Odometry, POSES, TF};
 use crate::rounds::Rounds;
 use crate::{Next, Scan, SourceError, numbered, refused};
@@ -18,19 +19,21 @@ use crate::{Next, Scan, SourceError, numbered, refused};
 /// Of a chunk or any other record: many times the largest scan.
 const RECORD_BYTES_MAX: usize = 256 << 20;
 /// Messages until the caller is asked to come again: it has heartbeats to send.
-const LOOKS_MAX: u32 = 64;
+pub(crate) const LOOKS_MAX: u32 = 64;
 const READ_BYTES: usize = 1 << 20;
 /// What is looked for, how it may be written, and the option that names its topic.
 const SCANS: [&str; 3] = ["scans", CLOUDS, "--topic"];
 
-/// The recording that `input` is, or the only one in a folder, as rosbag2 makes them.
+/// The recording that `input` is, or the only one in a folder without scans, as rosbag2 makes them.
 pub(crate) fn within(input: &Path, ending: &str) -> Option<PathBuf> {
-    if ending == "mcap" {
+    if ending == "mcap" && !input.is_dir() {
         return Some(input.to_path_buf());
     }
     let paths = input.read_dir().ok()?.flatten().map(|entry| entry.path());
     let mut found = paths.filter(|path| path.extension().is_some_and(|word| word == "mcap"));
-    found.next().filter(|_| found.next().is_none())
+    let first = found.next();
+    let is_alone = |_: &PathBuf| found.next().is_none() && !has_scans(input);
+    first.filter(is_alone)
 }
 
 pub(crate) struct Recording {

@@ -127,7 +127,9 @@ impl Follower {
             Some(topics[1].encode(&detections(&head, objects, &classes))),
             Some(topics[2].encode(&markers(&head, objects, &classes))),
             None,
-            Some(topics[4].encode(&transform(&head, run.base_from_sensor))),
+            // Without a pose of its own it would replace the robot's.
+            (run.base_from_sensor != [0.0; 6])
+                .then(|| topics[4].encode(&transform(&head, run.base_from_sensor))),
             Some(serde_json::to_vec(&line)?),
         ])
     }

@@ -99,7 +99,7 @@ fn serve(mut stream: TcpStream, shared: &Shared) -> Result<(), Error> {
     let is_local = |origin: &str| ORIGINS.iter().any(|local| origin.starts_with(local));
     let is_local = text.ends_with("\r\n\r\n") && header("origin: ").is_none_or(is_local);
     let offered = header("sec-websocket-protocol: ").into_iter();
-    let mut offered = offered.flat_map(|names| names.split(", "));
+    let mut offered = offered.flat_map(|names| names.split(',').map(str::trim));
     match offered.find_map(|name| PROTOCOLS.into_iter().find(|own| *own == name)) {
         Some(protocol) if is_local => converse(stream, shared, HeaderValue::from_static(protocol)),
         _ => {

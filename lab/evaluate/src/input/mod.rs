@@ -10,6 +10,7 @@ use crate::{EvaluateError, FrameRings, FrameTruth, LabelledFrame, Result, Sensor
 pub use json_lines::read_json_lines;
 use mluc_dataset::{file_stems, read_calibration, read_detections, read_labels, read_scan};
 use mluc_geometry::ImageSize;
+use mluc_ipc_types::FrameHeader;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -157,7 +158,11 @@ fn frame(
         calibration: read_calibration(&calibrations.join(file))?,
         image: image.map_or_else(|| image_size_beside(&source.labels, name), Ok)?,
     };
-    Ok(truth.with(frames.get(name).map_or(&[], Vec::as_slice)))
+    Ok(truth.with(
+        frames
+            .get(FrameHeader::cut(name))
+            .map_or(&[], Vec::as_slice),
+    ))
 }
 
 /// Checks that labels and detections share frames, and says what only one of them has.

@@ -8,7 +8,6 @@
 mod frames;
 mod gate;
 mod judge;
-mod mahalanobis;
 mod parts;
 mod separation;
 mod stages;

@@ -1,6 +1,5 @@
 //! How well each score of a kept box tells unknown objects from known ones, and from background, whatever the threshold.
 
-use super::mahalanobis::{Embedded, mahalanobis};
 use super::{DetectedFrame, box_of};
 use crate::{ClassRule, Difficulty, ObjectKind};
 use crate::{matching::in_dont_care, operating::DONT_CARE_MAX};
@@ -25,7 +24,7 @@ const SCORES: [Score; 6] = [
 /// Figures of one score over the boxes that lie on a label, and over those that touch none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ScoreSeparation {
-    /// `e` (normalised EDS), `e_perp`, `delta`, `msp` (largest probability), `max_logit`, `energy`, `mahalanobis`.
+    /// `e` (normalised EDS), `e_perp`, `delta`, `msp` (largest probability), `max_logit`, `energy`.
     pub score: String,
     /// Chance that an unknown object's box looks more unknown than a known one's, 0..1; none without both kinds.
     pub auroc: Option<f64>,
@@ -45,8 +44,8 @@ pub struct ScoreSeparation {
 /// The figures of every score. A label that counts at moderate takes the box of the highest objectness that overlaps it
 /// by more than its rule asks, whatever the box's class; a box serves one label.
 pub fn separation(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreSeparation> {
-    let of_frame = |(number, frame)| judged_boxes(number, frame, rules);
-    let boxes: Vec<JudgedBox> = frames.iter().enumerate().flat_map(of_frame).collect();
+    let boxes = frames.iter().flat_map(|frame| judged_boxes(frame, rules));
+    let boxes: Vec<JudgedBox> = boxes.collect();
     let figures = |score: &str, values: Vec<f64>| {
         let side = |kind: Option<ObjectKind>| -> Vec<f64> {
             let pairs = boxes.iter().zip(&values);
@@ -64,34 +63,21 @@ pub fn separation(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreSep
             background: b.len(),
         }
     };
-    let plain = SCORES.iter().map(|&(score, of)| {
+    let all = SCORES.iter().map(|&(score, of)| {
         let values = boxes.iter().map(|b| f64::from(of(b.detection)));
         figures(score, values.collect())
     });
-    let mut all: Vec<ScoreSeparation> = plain.collect();
-    let embedded = boxes.iter().map(|b| -> Embedded {
-        let known = b.rule.filter(|rule| rule.kind == ObjectKind::Known);
-        let embedding = b.detection.embedding.map(f64::from).into();
-        (b.frame % 2, known.map(|rule| rule.name.as_str()), embedding)
-    });
-    let embedded: Vec<Embedded> = embedded.collect();
-    all.push(figures("mahalanobis", mahalanobis(&embedded)));
-    all
+    all.collect()
 }
 
 /// A box on a label that counts, or on nothing.
 struct JudgedBox<'a> {
-    frame: usize,
     detection: &'a Detection,
     /// Of its label; none: it touches no label at all.
     rule: Option<&'a ClassRule>,
 }
 
-fn judged_boxes<'a>(
-    number: usize,
-    frame: &'a DetectedFrame,
-    rules: &'a [ClassRule],
-) -> Vec<JudgedBox<'a>> {
+fn judged_boxes<'a>(frame: &'a DetectedFrame, rules: &'a [ClassRule]) -> Vec<JudgedBox<'a>> {
     let seen = |d: &Detection| -> Option<([f64; 4], Box3)> {
         let (image_box_px, camera_box) = frame.truth.in_camera(&box_of(d))?;
         Some((image_box_px, camera_box.upright()))
@@ -99,11 +85,7 @@ fn judged_boxes<'a>(
     let boxes: Vec<_> = frame.detections.iter().map(seen).collect();
     let mut taken = vec![false; boxes.len()];
     let mut found = Vec::new();
-    let judged = |detection, rule| JudgedBox {
-        frame: number,
-        detection,
-        rule,
-    };
+    let judged = |detection, rule| JudgedBox { detection, rule };
     // Labels that count at moderate, in file order.
     for label in frame.truth.labels.iter() {
         let counts = |rule: &&ClassRule| rule.counts_at(label, Difficulty::Moderate);

@@ -174,6 +174,9 @@ impl Adaptation<'_> {
         let mut takes = Takes::like(beams, rays(sensor), sensor.height_m.unwrap_or_default());
         // Units may look in directions of their own.
         takes.beams[1] *= sensor.units.len().max(1) as u32;
+        if sensor.wave.is_some() {
+            takes.beams = [0, u32::MAX];
+        }
         if sensor.height_m.is_none() {
             // Simulated at any height.
             takes.height_m = manifest.takes().height_m;

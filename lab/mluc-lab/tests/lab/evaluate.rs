@@ -318,7 +318,7 @@ fn a_model_is_judged_and_faults_are_named() {
     assert!(report["closed"]["truck/3d/moderate"]["ap_r40"].is_number());
     let points = report["sweep"].as_array().map_or(0, Vec::len);
     assert!(points > 2, "{points}");
-    assert_eq!(report["separation"].as_array().map(Vec::len), Some(7));
+    assert_eq!(report["separation"].as_array().map(Vec::len), Some(6));
     assert!(report["by_rings"]["car"]["9 on"]["labels"].is_number());
     // The network in two jobs.
     for shard in ["0/2", "1/2"] {

@@ -113,6 +113,7 @@ impl<A: Algorithm> Algorithm for Played<A> {
             header.flag(Flags::DEGRADED);
             return Ok(0);
         };
+        header.ego = recorded.ego;
         header.flag(Flags(recorded.flags));
         header.points_out_of_range = recorded.points_out_of_range;
         header.feature_rows = recorded.feature_rows;
