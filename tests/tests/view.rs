@@ -27,7 +27,8 @@ fn a_recording_and_a_socket_tell_what_the_pipeline_told() {
     // Both outlive a pipeline.
     let mut lines = String::new();
     for _ in 0..2 {
-        let mut run = setting.up("--pace sensor --rate 5 --loop");
+        let config = setting.config("[sensor]\nextrinsics = [0.5, 0.0, 1.0, 0.0, 0.0, 0.0]\n");
+        let mut run = setting.up(&format!("{config} --pace sensor --rate 5 --loop"));
         run.wait_for_lines(3);
         check(["socket", &address, ""]);
         let run = run.stop();

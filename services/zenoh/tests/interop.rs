@@ -14,7 +14,8 @@ fn a_client_from_a_package_hears_the_frames_though_it_comes_late_and_comes_again
     let port = free.local_addr().expect("an address").port().to_string();
     drop(free);
     let setting = Setting::new("zenoh", 3);
-    let run = setting.up("--pace sensor --rate 5 --loop");
+    let config = setting.config("[sensor]\nextrinsics = [0.5, 0.0, 1.0, 0.0, 0.0, 0.0]\n");
+    let run = setting.up(&format!("{config} --pace sensor --rate 5 --loop"));
     let mut publish = Command::new(built_program("mluc"));
     let locator = format!("tcp/127.0.0.1:{port}");
     publish.args(["zenoh", "--points", "--instance", &setting.instance]);

@@ -3,7 +3,7 @@
 //! Only what is judged is looked at: `frame`, and of each of `objects` its kind, label, score and box. `suppressed` and everything else is passed over.
 
 use crate::{EvaluateError, Result, SensorDetection};
-use mluc_ipc_types::WIRE_VERSION;
+use mluc_ipc_types::{FrameHeader, WIRE_VERSION};
 use serde::{Deserialize, de::IgnoredAny};
 use std::io::{BufRead, BufReader, Read};
 use std::{collections::BTreeMap, path::Path};
@@ -53,11 +53,13 @@ pub fn read_json_lines(path: &Path) -> Result<BTreeMap<String, Vec<SensorDetecti
             Err(_) if serde_json::from_slice::<StatusLine>(&bytes).is_ok() => continue,
             line => line.map_err(&fault)?,
         };
-        if frames.contains_key(&line.frame) {
+        // As a header holds it.
+        let name = FrameHeader::cut(&line.frame);
+        if frames.contains_key(name) {
             let expected = "field frame: expected each frame once";
             return Err(fault(format!("{expected}, found '{}' again", line.frame)));
         }
-        frames.insert(line.frame, line.objects);
+        frames.insert(name.to_owned(), line.objects);
     }
     Ok(frames)
 }

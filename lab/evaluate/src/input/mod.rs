@@ -83,7 +83,11 @@ pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input> {
             Some((_, frames)) => frames.keys().cloned().collect(),
             None => file_stems(&source.detections, "txt", "detection files (*.txt)")?,
         };
-        let warnings = compare_names(source, &labelled, &detected)?;
+        let named = labelled.iter().map(|name| match lines {
+            Some(_) => FrameHeader::cut(name).to_owned(),
+            None => name.clone(),
+        });
+        let warnings = compare_names(source, &named.collect::<Vec<_>>(), &detected)?;
         input.warnings.extend(warnings);
         input.counts.push(labelled.len());
         for name in &labelled {

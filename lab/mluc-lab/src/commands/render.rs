@@ -6,6 +6,7 @@ use clap::Args;
 use mluc_dataset::{Dataset, read_boxes, read_scan};
 use mluc_evaluate::{SensorDetection, input::read_json_lines};
 use mluc_gateway::picture::{BoxKind, Canvas, DrawnBox, View, bird_eye, perspective};
+use mluc_ipc_types::FrameHeader;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -96,7 +97,10 @@ impl RenderArguments {
             return Ok(BTreeMap::new());
         };
         let found = read_json_lines(path)?;
-        if !scans.iter().any(|scan| found.contains_key(&stem(scan))) {
+        if !scans
+            .iter()
+            .any(|scan| found.contains_key(FrameHeader::cut(&stem(scan))))
+        {
             let expected = scans.first().map(|scan| stem(scan)).unwrap_or_default();
             let other = found.keys().next().context("no frame")?;
             bail!(
@@ -114,7 +118,7 @@ impl RenderArguments {
         is_one_of_many: bool,
     ) -> anyhow::Result<Canvas> {
         let (points, title) = (read_scan(scan)?, stem(scan));
-        let found = found.get(&title).into_iter().flatten();
+        let found = found.get(FrameHeader::cut(&title)).into_iter().flatten();
         let found = found.map(|found| DrawnBox {
             box_in_sensor: found.box_in_sensor,
             kind: [BoxKind::Known, BoxKind::Unknown][found.kind as usize],

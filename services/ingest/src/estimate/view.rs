@@ -140,7 +140,9 @@ fn field(sensor: &SensorProfile) -> u64 {
     let is_inside = |sector: &usize| {
         let center_deg = (*sector as f32 + 0.5) * SECTOR_DEG;
         let off_deg = |yaw_deg| degrees_off(center_deg, middle_deg + yaw_deg);
-        let is_seen = |yaw_deg: &f32| off_deg(*yaw_deg) + SECTOR_DEG / 2.0 <= width_deg / 2.0;
+        let is_seen = |yaw_deg: &f32| {
+            width_deg >= 360.0 || off_deg(*yaw_deg) + SECTOR_DEG / 2.0 <= width_deg / 2.0
+        };
         yaws_deg.iter().any(is_seen) && !sensor.hides(center_deg)
     };
     let sectors = (0..Status::SECTORS).filter(is_inside);

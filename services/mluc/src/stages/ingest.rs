@@ -48,9 +48,13 @@ pub(crate) fn run(
         Pace::Sensor => pace::sensor(&mut sender, settings, first),
         Pace::Complete => pace::complete(&mut sender, settings, first),
     };
-    let was_asked = sender.shell.is_stopping();
-    let reason = if was_asked { Health::ASKED_TO_END } else { "" };
-    sender.shell.state(HealthState::Stopping, reason)?;
+    let reason = match &done {
+        _ if sender.shell.is_stopping() => Health::ASKED_TO_END.to_string(),
+        // The input is at its end: so is the run.
+        Ok(()) => String::new(),
+        Err(error) => format!("{error:#}"),
+    };
+    sender.shell.state(HealthState::Stopping, &reason)?;
     done.with_context(|| Stage::Ingest.name())
 }
 

@@ -280,7 +280,11 @@ impl Metadata {
             // Its frame has been given out.
             Some(1..=FRAMES_LATE) => return Ok(()),
             since => {
-                sweep.cut(since.is_some(), rank.unwrap_or(0) as u32, on);
+                sweep.cut(
+                    since.is_some() && !sweep.was_silent(),
+                    rank.unwrap_or(0) as u32,
+                    on,
+                );
                 self.last_frame = Some(frame);
             }
         }

@@ -120,7 +120,7 @@ impl Sweep {
             };
             let lost = u64::from(self.lost_before) * after;
             let lost = (lost + (before + after) / 2) / (before + after).max(1);
-            self.cut(true, lost as u32, on);
+            self.cut(age_ns <= TURN_MAX_NS, lost as u32, on);
         }
         self.lost_before = 0;
         self.shots(stamp_ns, on);
@@ -136,6 +136,11 @@ impl Sweep {
             self.revolution.stamp_ns = stamp_ns;
             self.revolution.received_ns = self.received_ns;
         }
+    }
+
+    /// Whether nothing came for longer than a turn.
+    pub(super) fn was_silent(&self) -> bool {
+        self.received_ns.abs_diff(self.revolution.received_ns) > TURN_MAX_NS
     }
 
     /// A shot's two returns (a sensor with one has it twice): `point` for each that there is, once for two that are the same.
@@ -167,11 +172,9 @@ impl Sweep {
         revolution.offsets_ns.push(offset_ns as u32);
     }
 
-    /// Gives out the revolution and begins the next one; `is_whole`: here a turn ends and the next one starts, unless the sensor was silent. `lost_after`: packets lost just before, of the
+    /// Gives out the revolution and begins the next one; `is_whole`: here a turn ends and the next one starts. `lost_after`: packets lost just before, of the
     /// next one, at most.
     pub(super) fn cut(&mut self, is_whole: bool, lost_after: u32, on: &mut dyn FnMut(&Revolution)) {
-        let age_ns = self.received_ns.abs_diff(self.revolution.received_ns);
-        let is_whole = is_whole && age_ns <= TURN_MAX_NS;
         let begins_whole = std::mem::replace(&mut self.begins_whole, is_whole);
         if !std::mem::take(&mut self.is_open) {
             return;
