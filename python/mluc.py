@@ -1,15 +1,18 @@
 """The contract (docs/CONTRACT.md) for Python, as a source of scans, a refiner or a consumer: joining, following runs, frames,
 publishing, heartbeats.
 
-Needs iceoryx2 and numpy from PyPI. Points, detections and objects are numpy views onto shared memory: nothing is copied.
+Needs iceoryx2 and numpy from PyPI. Points and detections are numpy views onto shared memory: nothing is copied. A consumer's
+objects are a checked copy.
 """
 
+import contextlib
 import ctypes as C
 import fcntl
 import glob
 import os
 import shutil
 import signal
+import stat
 import sys
 import time
 from collections import deque
@@ -147,10 +150,13 @@ class Member:
         self.last, self.sent, self.scans, self.is_stopping = None, 0, [], False
 
     def join(self):
-        """Lives in the instance until it ends; refuses another version by name."""
+        """Lives in the instance until it ends; refuses another version by name, and a folder that another user made."""
         try:
+            about = os.lstat(self.root)
+            if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.geteuid() or about.st_mode & 0o077:
+                sys.exit(f"{self.root}: expected a folder of user {os.geteuid()}, mode 700, found user {about.st_uid}, {about.st_mode:o}")
             while True:
-                self.lock = open(self.root + "/.lock")
+                self.lock = open(os.open(self.root + "/.lock", os.O_RDONLY | os.O_NOFOLLOW))
                 fcntl.flock(self.lock, fcntl.LOCK_SH)
                 # Whoever was alone and left has removed the file; then this lock is of nothing.
                 if os.path.samestat(os.fstat(self.lock.fileno()), os.stat(self.root + "/.lock")):
@@ -215,7 +221,11 @@ class Member:
             self.scans.pop(0).delete()
 
     def leave(self):
-        """Removes the instance's files where nobody else is left in it."""
+        """Closes all ports; then removes the instance's files where nobody else is left in it."""
+        # What closed later would remove files of the next pipeline of this name.
+        for name in ("scans", "indices", "points", "detections", "objects", "object_points", "statuses", "healths", "outputs", "listener",
+                     "descriptions", "node"):
+            setattr(self, name, None)
         try:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -224,7 +234,8 @@ class Member:
         for path in glob.glob(self.root + ".*") + glob.glob(self.root + "/*"):
             shutil.rmtree(path, ignore_errors=True) if os.path.isdir(path) else os.unlink(path)
         os.unlink(self.root + "/.lock")
-        shutil.rmtree(self.root, ignore_errors=True)
+        with contextlib.suppress(OSError):
+            os.rmdir(self.root)
 
 
 class Watch(Member):
@@ -236,7 +247,7 @@ class Watch(Member):
 
     def status(self):
         """State word, reason, and the whole Status; None before the supervisor has published one."""
-        status = newest(self.statuses, Status)
+        status = self.statuses and newest(self.statuses, Status)
         if status is not None and status.wire_version == WIRE_VERSION and status.state < len(STATES):
             self.told = status
         if self.told is None:
@@ -258,7 +269,7 @@ class Consumer(Watch):
 
     def frames(self):
         """The newest frame of the run, again and again, until this process is asked to end. Each has `header`, `objects` (an array of
-        dtype Object), `points`, and `points_of(object)`: indices into the points. `dropped` counts the frames that newer ones overtook."""
+        dtype Object), `points`, and `points_of(object)`: indices into the points, which are there until the next frame. `dropped` counts the frames that newer ones overtook."""
         while not self.is_stopping:
             try:
                 self.listener.timed_wait(iox.Duration.from_millis(50))
@@ -443,8 +454,8 @@ class Source(Stage):
         return False
 
     def publish(self, points, stamp_ns=None, name=""):
-        """A scan: N rows of x, y, z (m; forward, left, up) and intensity (0 to 1); `stamp_ns`: the sensor's time, ns since 1970. Rows that are
-        not finite are left out, and so are those beyond the limit; both are counted and flagged."""
+        """A scan: N rows of x, y, z (m; forward, left, up) and intensity (0 to 1); `stamp_ns`: the sensor's time, ns since 1970; `name`:
+        its last 48 bytes. Rows that are not finite are left out, and so are those beyond the limit; both are counted and flagged."""
         started_ns, points = time.monotonic_ns(), np.asarray(points, np.float32)
         if points.ndim != 2 or points.shape[1] != 4 or self.sequence is None:
             raise ValueError(f"expected an array of N rows and 4 columns after wait() was true, found {points.shape}")
@@ -457,6 +468,8 @@ class Source(Stage):
                              points_dropped=len(points) - len(kept), limit_dropped=beyond,
                              model_fingerprint=self.run.model_fingerprint)
         header.stages[0:2] = started_ns, started_ns
+        # Of a long name its end, which tells scans apart.
+        name = name.encode(errors="replace")[-48:].decode(errors="ignore")
         header.name[:] = text(name or f"{self.sequence:06}", 48)
         self.send("points", header, kept)
         self.sequence += 1

@@ -3,7 +3,7 @@
 
     python tools/checkpoint_to_safetensors.py second.pth second.safetensors
 
-Needs the packages torch, numpy and safetensors. The file is loaded with weights_only=True: tensors and plain values are
+Needs the packages torch (2.6 or later, which need not be the environment that wrote the file), numpy and safetensors. The file is loaded with weights_only=True: tensors and plain values are
 read, and a pickle that calls anything else is refused.
 """
 
@@ -13,6 +13,8 @@ import numpy as np
 import torch
 from safetensors.torch import save_file
 
+if not hasattr(torch.serialization, "safe_globals"):
+    sys.exit(f"torch: expected 2.6 or later, found {torch.__version__}: run this in an environment of its own")
 # An optimiser's state holds learning rates as numpy scalars.
 scalar = (np._core if hasattr(np, "_core") else np.core).multiarray.scalar
 NUMPY = [scalar, (scalar, "numpy.core.multiarray.scalar"), np.dtype, type(np.dtype("f4")), type(np.dtype("f8"))]

@@ -41,7 +41,8 @@ extern "C" {
 enum {
     MLUC_OK = 0,
     MLUC_TIMEOUT = 1,        /* no frame came in time, or no scan can be taken yet: call again */
-    MLUC_STOPPING = 2,       /* SIGTERM or SIGINT came: close, return 0 from main */
+    MLUC_STOPPING = 2,       /* SIGTERM or SIGINT came: close, return 0 from main. From the first mluc_*_open on, a failed one too,
+                                they no longer end the process by themselves; your own handlers from before are still called */
     MLUC_ERROR_USAGE = -1,   /* a null pointer, or a call out of turn */
     MLUC_ERROR_OPEN = -2,    /* another wire version, another process has the place, shared memory is full */
     MLUC_ERROR_CONTRACT = -3,/* what was to be published breaks the contract: nothing was */
@@ -330,8 +331,8 @@ int32_t mluc_source_wait(mluc_source *source, uint32_t wait_ms, uint64_t *sequen
  * out, counted and flagged. stamp_ns: the sensor's time, ns since 1970 (0: now); name: its last 48 bytes (null: the number). */
 int32_t mluc_source_publish(mluc_source *source, const mluc_point *points, size_t points_count, uint64_t stamp_ns, const char *name);
 
-/* The input is at its end: waits until the last scan has passed, at most timeout_ms, and ends the run. Without it the run ends
- * when the process exits with 0. Not after MLUC_STOPPING. */
+/* The input is at its end: waits until the last scan has passed, at most timeout_ms, and ends the run. Without it a run
+ * ends when a source that mluc up started exits with 0. Not after MLUC_STOPPING. */
 int32_t mluc_source_finish(mluc_source *source, uint32_t timeout_ms);
 
 /* Leaves. Null is fine. */

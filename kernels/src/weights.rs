@@ -141,13 +141,4 @@ mod tests {
             assert_eq!(panels.iter().map(|p| p.used).sum::<usize>(), cout);
         }
     }
-
-    #[test]
-    fn widths_are_even() {
-        let widths = |cout| panels(cout).map(|p| p.width).collect::<Vec<_>>();
-        assert_eq!(widths(96), [48, 48]);
-        assert_eq!(widths(84), [48, 48]);
-        assert_eq!(widths(128), [64, 64]);
-        assert_eq!(widths(72), [48, 32]);
-    }
 }

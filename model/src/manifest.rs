@@ -39,7 +39,7 @@ pub struct Thresholds {
     #[serde(default, skip_serializing_if = "is_default")]
     pub softmax_min: f32,
     /// Of an open head: a box is a candidate unknown from this probability of being none of the known on; boxes of anchors
-    /// without a class go below it. 0: none is.
+    /// without a class go below it, or below one half. 0: none is.
     #[serde(default, skip_serializing_if = "is_default")]
     pub unknown_min: f32,
     /// What the operating profiles publish; absent in a model for which nobody chose it.
@@ -117,7 +117,7 @@ impl Probabilities {
     }
 }
 
-/// The sensor's beams, for range images.
+/// The sensor's beams, for range images; none where it is any.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Beams {
@@ -237,7 +237,7 @@ impl Manifest {
             return takes.clone();
         }
         let beams = self.beams.elevation_rad.len() as f32;
-        let returns = beams * std::f32::consts::TAU / self.beams.azimuth_step_rad.max(1e-4);
+        let returns = beams * std::f32::consts::TAU / self.beams.azimuth_step_rad;
         Takes::like(beams, returns, self.sensor_height_m)
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt::Display;
 
 use crate::error::{ModelError, Result};
-use crate::manifest::{AnchorClass, Manifest, Profiles, RangeBand, Takes, Thresholds};
+use crate::manifest::{AnchorClass, Beams, Manifest, Profiles, RangeBand, Takes, Thresholds};
 use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer};
 
 /// Cells of the grid and of each sparse layer's output, rows along x in whole words of 64: bounds the presence bitmaps (a bit and half a bit more for each, 25 MiB).
@@ -20,12 +20,16 @@ pub const CLASS_NAME_MAX: usize = 32;
 const CLASSES_MIN: usize = 2;
 /// Boxes after suppression; the contract's limit of a detections message.
 pub const BOXES_MAX: u32 = 512;
-/// Voxels of a frame: more than the contract's points of a scan have no use.
+/// Voxels of a frame, which bound the sites of every sparse layer ([`NUMBERS_MAX`]).
 pub const VOXELS_MAX: u32 = 131_072;
 /// Candidates before suppression, whose cost grows with the square.
 const CANDIDATES_MAX: u32 = 16_384;
 /// Anchors without a class.
 const GENERIC_MAX: usize = 8;
+/// Beams of one range image: they bound its memory.
+const BEAMS_MAX: usize = 256;
+/// Finest azimuth step: 16,384 columns.
+const AZIMUTH_STEP_MIN_RAD: f32 = std::f32::consts::TAU / 16_384.0;
 /// Taps of a sparse layer along an axis.
 pub const KERNEL_MAX: usize = 7;
 /// Channels of any layer.
@@ -64,13 +68,7 @@ impl Manifest {
         if let Some(takes) = &self.takes {
             takes.validate()?;
         }
-        let beams = &self.beams;
-        within("beams.elevation_rad", beams.elevation_rad.len(), 0, 1024)?;
-        for (number, &elevation) in beams.elevation_rad.iter().enumerate() {
-            let field = format!("beams.elevation_rad[{number}]");
-            within(&field, elevation, -1.6, 1.6)?;
-        }
-        within("beams.azimuth_step_rad", beams.azimuth_step_rad, 0.0, 1.0)
+        self.beams.validate()
     }
 
     fn validate_classes(&self) -> Result<()> {
@@ -106,6 +104,27 @@ impl Manifest {
             require(fits, &format!("thresholds.{field}"), expected, value)?;
         }
         Ok(())
+    }
+}
+
+impl Beams {
+    /// Refuses beams that no range image can be made of. None at all are fine.
+    pub fn validate(&self) -> Result<()> {
+        let elevations = &self.elevation_rad;
+        if elevations.is_empty() {
+            return Ok(());
+        }
+        within("beams.elevation_rad", elevations.len(), 1, BEAMS_MAX)?;
+        let mut above = 1.5;
+        for (number, &elevation) in elevations.iter().enumerate() {
+            let field = format!("beams.elevation_rad[{number}]");
+            within(&field, elevation, -1.5, 1.5)?;
+            let expected = format_args!("below {above}: from the top down");
+            require(elevation < above, &field, expected, elevation)?;
+            above = elevation;
+        }
+        let field = "beams.azimuth_step_rad";
+        within(field, self.azimuth_step_rad, AZIMUTH_STEP_MIN_RAD, 0.2)
     }
 }
 

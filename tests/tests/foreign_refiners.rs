@@ -33,23 +33,6 @@ fn config(setting: &Setting, command: &[String]) -> String {
 }
 
 #[test]
-fn a_foreign_refiner_is_started_by_its_command() {
-    let setting = Setting::new("command", 5);
-    for command in foreign_refiners() {
-        let run = setting.run(&config(&setting, &command));
-        run.assert_complete(0, 5);
-        for line in &run.lines {
-            let count = |key: &str| line[key].as_array().map_or(0, Vec::len);
-            // The model has boxes in every frame.
-            let objects = count("objects") + count("suppressed");
-            assert!(objects > 0, "{command:?}: no objects: {line}");
-            let flags = run.flags(line["frame"].as_str().unwrap());
-            assert!(!flags.contains(&"points_gone"), "{command:?}: {line}");
-        }
-    }
-}
-
-#[test]
 fn a_killed_or_stopped_foreign_refiner_is_started_again() {
     let setting = Setting::new("killed", 40);
     let each = foreign_refiners().into_iter();

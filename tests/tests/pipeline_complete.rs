@@ -73,15 +73,6 @@ fn at_the_sensors_pace_frames_come_at_its_rate() {
 }
 
 #[test]
-fn two_pipelines_run_side_by_side() {
-    let settings = ["left", "right"].map(|name| Setting::new(name, 5));
-    let runs = settings.each_ref().map(|setting| setting.up(""));
-    for (setting, run) in settings.iter().zip(runs) {
-        setting.finish(run).assert_complete(0, 5);
-    }
-}
-
-#[test]
 fn stages_start_in_any_order_and_say_what_they_wait_for() {
     let setting = Setting::new("any", 4);
     for order in [

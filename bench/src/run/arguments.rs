@@ -42,7 +42,7 @@ pub(crate) struct RunArgs {
     /// A built-in model or a model file [default: any-open].
     #[arg(long)]
     pub(crate) model: Option<String>,
-    /// f32, bf16 or int8.
+    /// auto, f32, bf16 or int8 [default: auto].
     #[arg(long)]
     pub(crate) precision: Option<String>,
     /// What is published: quiet, balanced or all [default: balanced].

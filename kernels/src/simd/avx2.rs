@@ -12,7 +12,7 @@ pub(crate) struct Avx2<const VNNI: bool>(());
 ///
 /// # Safety
 /// The processor has the features named below.
-#[target_feature(enable = "avx2,fma")]
+#[target_feature(enable = "avx2,fma,popcnt")]
 pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Avx2::<false>(()))
 }
@@ -21,7 +21,7 @@ pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
 ///
 /// # Safety
 /// The processor has the features named below.
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[target_feature(enable = "avx2,fma,popcnt,avxvnni")]
 pub(crate) unsafe fn run_vnni<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Avx2::<true>(()))
 }

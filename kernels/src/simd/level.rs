@@ -47,11 +47,11 @@ impl Kind {
     /// Whether this processor has it. The standard library caches the answers of the processor.
     #[cfg(target_arch = "x86_64")]
     fn exists(self) -> bool {
-        let avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
-        let avx512 = avx2
-            && is_x86_feature_detected!("avx512f")
-            && is_x86_feature_detected!("avx512bw")
+        let avx2 = is_x86_feature_detected!("avx2")
+            && is_x86_feature_detected!("fma")
             && is_x86_feature_detected!("popcnt");
+        let avx512 =
+            avx2 && is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw");
         let vnni = avx512 && is_x86_feature_detected!("avx512vnni");
         match self {
             Avx512Bf16 => vnni && is_x86_feature_detected!("avx512bf16"),

@@ -50,12 +50,6 @@ mod tests {
         Tr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
 
     #[test]
-    fn reads_a_frame_without_a_camera() {
-        let calibration = parse(Path::new("c.txt"), SIMULATED).expect("valid");
-        assert_eq!(calibration, Calibration::without_camera());
-    }
-
-    #[test]
     fn faults_are_named() {
         for line in include_str!("calibration_faults.txt").lines() {
             let [whole, broken, expected] = line.split('|').collect::<Vec<_>>()[..] else {

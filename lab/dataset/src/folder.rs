@@ -131,7 +131,8 @@ pub fn read_boxes(labels: &Path, calibration: &Path) -> Result<Vec<(Label, Box3)
     Ok(labels.into_iter().map(in_sensor).collect())
 }
 
-/// Names without extension of the files `*.EXTENSION` of a folder, sorted. `expected` says what the folder is for.
+/// Names without extension of the files `*.EXTENSION` of a folder, sorted. Hidden ones are notes of another system, and nuScenes' `.pcd.bin`
+/// have another layout. `expected` says what the folder is for.
 pub fn file_stems(folder: &Path, extension: &str, expected: &str) -> Result<Vec<String>> {
     if !folder.is_dir() {
         let found = if folder.exists() { "a file" } else { "nothing" };
@@ -143,9 +144,10 @@ pub fn file_stems(folder: &Path, extension: &str, expected: &str) -> Result<Vec<
     for entry in std::fs::read_dir(folder).map_err(&failed)? {
         let path = entry.map_err(&failed)?.path();
         let matches = path.extension().is_some_and(|e| e == extension) && path.is_file();
-        if let (true, Some(stem)) = (matches, path.file_stem().and_then(|stem| stem.to_str())) {
-            stems.push(stem.to_owned());
-        }
+        let stem = path.file_stem().and_then(|stem| stem.to_str());
+        let is_other = |stem: &str| extension == "bin" && stem.ends_with(".pcd");
+        let stem = stem.filter(|stem| matches && !stem.starts_with('.') && !is_other(stem));
+        stems.extend(stem.map(str::to_owned));
     }
     if stems.is_empty() {
         return Err(DatasetError::at(folder, expected, "none"));

@@ -194,13 +194,6 @@ mod tests {
     }
 
     #[test]
-    fn reads_scores() {
-        let detections = parsed(&format!("{CAR} 0.5\n{CAR} 3 -0.25"), true).expect("detections");
-        assert_eq!(detections[0].score, Some(0.5));
-        assert_eq!(detections[1].score, Some(-0.25));
-    }
-
-    #[test]
     fn a_written_line_reads_back() {
         let mut car = parsed(CAR, false).expect("label").remove(0);
         (car.score, car.track) = (Some(0.75), Some(3));

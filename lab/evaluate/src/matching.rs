@@ -32,18 +32,6 @@ struct Candidate {
 /// found or not; detections outside of it that find nothing are not counted.
 pub(crate) type Binned = [Vec<usize>; 2];
 
-/// Matches every frame for one class, metric and difficulty.
-pub(crate) fn match_frames(
-    frames: &[LabelledFrame],
-    rule: &ClassRule,
-    metric: Metric,
-    difficulty: Difficulty,
-) -> Curve {
-    let matched = |frame| match_frame(frame, rule, metric, difficulty, None);
-    let parts: Vec<Curve> = frames.iter().map(matched).collect();
-    Curve::of(&parts)
-}
-
 /// Matches one frame, or what of it is in a bin.
 pub(crate) fn match_frame(
     frame: &LabelledFrame,

@@ -1,7 +1,7 @@
 //! Every class, metric and difficulty at once: figures, JSON for programs, a table for people.
 
 use crate::{AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind};
-use crate::{curve::Curve, matching::match_frames};
+use crate::{curve::Curve, matching::match_frame};
 use minijinja::{Environment, value::Serde};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -123,7 +123,8 @@ impl ApReport {
 /// Judges the frames by each rule. The frames' order matters only where scores are equal.
 pub fn evaluate(frames: &[LabelledFrame], rules: &[ClassRule]) -> ApReport {
     let entry = |rule: &ClassRule, metric, difficulty| {
-        ApEntry::of(&match_frames(frames, rule, metric, difficulty))
+        let matched = |frame| match_frame(frame, rule, metric, difficulty, None);
+        ApEntry::of(&Curve::of(&frames.iter().map(matched).collect::<Vec<_>>()))
     };
     let classes = rules.par_iter().map(|rule| ClassReport {
         rule: rule.clone(),

@@ -149,9 +149,21 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
     make_folders(&options.folder, &parts.collect::<Vec<_>>())?;
     let calibration = calibration(options.family)?;
     let one = |index| {
-        // The last of a frame's files.
-        let last = options.folder.join(format!("planes/{index:06}.txt"));
-        if options.resume && std::fs::metadata(last).is_ok_and(|file| file.len() > 0) {
+        // The last of a frame's files, and those that a power cut leaves empty.
+        let has = |file: &str| {
+            let path = options.folder.join(file);
+            std::fs::metadata(path).is_ok_and(|file| file.len() > 0)
+        };
+        let files = [
+            ("planes", "txt"),
+            ("velodyne", "bin"),
+            ("instances", "u16"),
+            ("calib", "txt"),
+        ];
+        let mut files = files
+            .map(|(part, end)| format!("{part}/{index:06}.{end}"))
+            .into_iter();
+        if options.resume && files.all(|file| has(&file)) {
             written();
             return Ok([0.0; 3]);
         }

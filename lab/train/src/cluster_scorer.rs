@@ -38,7 +38,7 @@ pub fn fit_to_proposals(
     step: impl FnMut(),
 ) -> Result<Option<ClusterScorer>, TrainError> {
     let frames = detect_frames(Precision::default(), model, set, step)?;
-    let sensor = Sensor::from_manifest(&model.manifest)?;
+    let sensor = Sensor::from_manifest(&model.manifest);
     let refiner = || Refiner::new(Settings::default(), &sensor);
     let classes = model.manifest.class_names();
     let of_frame = |refiner: &mut Result<Refiner, RefinerError>, (number, frame)| {
@@ -146,5 +146,8 @@ mod tests {
         for ((f, _), x) in examples.iter().zip(&logits) {
             assert_eq!(scorer.logit(f), *x);
         }
+        let mut weights = mluc_model::WeightSet::new();
+        scorer.write(&mut weights);
+        assert_eq!(ClusterScorer::of_model(&weights), Some(scorer));
     }
 }

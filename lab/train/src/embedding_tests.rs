@@ -52,16 +52,6 @@ fn points_of_an_instance_come_together_and_held_out_ones_become_unknown() {
 }
 
 #[test]
-fn it_comes_back_from_a_models_weights() {
-    let embedding = PointEmbedding::new(CHANNELS, 4);
-    let mut weights = WeightSet::new();
-    assert_eq!(PointEmbedding::read(&weights, CHANNELS), None);
-    embedding.write(&mut weights);
-    assert_eq!(PointEmbedding::read(&weights, CHANNELS), Some(embedding));
-    assert_eq!(PointEmbedding::read(&weights, CHANNELS + 1), None);
-}
-
-#[test]
 fn a_point_takes_the_features_of_its_cell() {
     let manifest = Manifest::untrained("kitti", Network::compact(Grid::kitti_compact(), 3));
     let channels = manifest.network.feature_channels();

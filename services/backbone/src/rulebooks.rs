@@ -104,11 +104,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn submanifold_layers_of_one_resolution_share_a_gather() {
-        let books = Rulebooks::new(&Network::second(Grid::kitti_second(), 3));
-        // 4 submanifold resolutions and 4 strided layers.
-        assert_eq!(books.gathers.len(), 8);
-    }
 }

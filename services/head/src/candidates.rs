@@ -22,27 +22,31 @@ pub(crate) fn sigmoid(x: f32) -> f32 {
 }
 
 /// Fills `candidates` with the best, best first; ties go to the lower row and anchor. Gives how many passed the
-/// threshold in all. A logit that is no number is below every threshold.
+/// threshold in all, and how many logits are no number: those are below every threshold.
 pub(crate) fn select(
     logits: &[f32],
     anchors: usize,
     objectness_min: f32,
     candidates_max: usize,
     candidates: &mut Vec<Candidate>,
-) -> usize {
+) -> (usize, usize) {
     // The logarithm is exact enough to rule out nearly all; the exact comparison follows.
     let logit_min = (objectness_min / (1.0 - objectness_min)).ln() - 0.01;
     candidates.clear();
-    let logits = logits.iter().enumerate();
-    let likely = logits.filter(|(_, logit)| **logit >= logit_min);
-    let passed = likely.map(|(number, logit)| Candidate {
+    let numbered = logits.iter().enumerate();
+    let likely = numbered.filter(|(_, logit)| **logit >= logit_min || logit.is_nan());
+    let likely = likely.map(|(number, logit)| Candidate {
         objectness: sigmoid(*logit),
         row: (number / anchors) as u32,
         anchor: (number % anchors) as u32,
         place: 0,
         unknown: None,
     });
-    candidates.extend(passed.filter(|candidate| candidate.objectness >= objectness_min));
+    let mut damaged = 0;
+    candidates.extend(likely.filter(|candidate| {
+        damaged += usize::from(candidate.objectness.is_nan());
+        candidate.objectness >= objectness_min
+    }));
     let found = candidates.len();
     let best_first = |a: &Candidate, b: &Candidate| {
         let by_place = (a.row, a.anchor).cmp(&(b.row, b.anchor));
@@ -53,13 +57,13 @@ pub(crate) fn select(
         candidates.truncate(candidates_max);
     }
     candidates.sort_unstable_by(best_first);
-    found
+    (found, damaged)
 }
 
 /// The largest of each `classes` logits: what an anchor of a sigmoid head says at most.
 pub(crate) fn reduce_classes(logits: &[f32], classes: usize, largest: &mut Vec<f32>) {
     largest.clear();
-    // A logit that is no number loses against any other; none at all is below every threshold.
-    let most = |anchor: &[f32]| anchor.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    // A logit that is no number loses against any other.
+    let most = |anchor: &[f32]| anchor.iter().copied().fold(f32::NAN, f32::max);
     largest.extend(logits.chunks_exact(classes).map(most));
 }

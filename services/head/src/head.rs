@@ -67,7 +67,7 @@ impl Head {
 
     /// Detects. `cells`: cell of the map (row * columns + column) of each row; `rows`: the channels, row after row.
     /// `detections` becomes the kept boxes, each the mean of its own and its voters', the best objectness first; of an open head those of classes, then those of
-    /// anchors without a class, which are candidate unknowns from the threshold `unknown_min` on and left out below.
+    /// anchors without a class, which are candidate unknowns from the threshold `unknown_min` on (but from one half at least) and left out below.
     pub fn run(
         &mut self,
         cells: &[u32],
@@ -76,11 +76,11 @@ impl Head {
     ) -> Result<HeadCounts, HeadError> {
         self.check(cells, rows)?;
         detections.clear();
-        let candidates = self.find_candidates(rows);
+        let (candidates, damaged) = self.find_candidates(rows);
         let over_candidates_max = candidates - self.frame.candidates.len() as u32;
         self.run_candidate_heads(rows);
         self.drop_generic_on_known();
-        let non_finite = self.decode_boxes(cells);
+        let non_finite = damaged + self.decode_boxes(cells);
         self.suppress();
         self.vote();
         let boxes_max_reached = self.frame.kept.len() as u32 == self.thresholds.boxes_max;
@@ -111,10 +111,12 @@ impl Head {
         self.heads.in_order().map(output).collect()
     }
 
-    /// The largest objectness over `rows`; of the empty scene's rows it is the manifest's `empty_objectness_max`.
+    /// The largest objectness over `rows`, or one that is no number; of the empty scene's rows it is the manifest's `empty_objectness_max`.
     pub fn objectness_max(&self, rows: &[f32]) -> f32 {
-        let logits = self.outputs(rows).swap_remove(0);
-        logits.into_iter().map(sigmoid).fold(0.0, f32::max)
+        let logits = self.outputs(rows).swap_remove(0).into_iter();
+        // Without the sign that a NaN may have, which sorts first.
+        let all = logits.map(|logit| sigmoid(logit).abs());
+        all.max_by(f32::total_cmp).unwrap_or(0.0)
     }
 
     fn check(&self, cells: &[u32], rows: &[f32]) -> Result<(), HeadError> {
@@ -135,8 +137,8 @@ impl Head {
         }
     }
 
-    /// Objectness of every anchor, and the best of them; gives how many passed the threshold.
-    fn find_candidates(&mut self, rows: &[f32]) -> u32 {
+    /// Objectness of every anchor, and the best of them; gives how many passed the threshold, and how many have none.
+    fn find_candidates(&mut self, rows: &[f32]) -> (u32, u32) {
         let (frame, thresholds) = (&mut self.frame, &self.thresholds);
         read_all(&mut frame.every_row, rows.len() / self.channels);
         let presence = &self.heads.presence;
@@ -146,14 +148,14 @@ impl Head {
         } else {
             presence.run(rows, &frame.every_row, &mut frame.logits);
         }
-        let found = select(
+        let (found, damaged) = select(
             &frame.logits,
             self.anchors.per_cell(),
             thresholds.objectness_min,
             thresholds.candidates_max as usize,
             &mut frame.candidates,
         );
-        found as u32
+        (found as u32, damaged as u32)
     }
 
     /// Embedding, box and direction of the rows that hold a candidate.

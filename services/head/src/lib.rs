@@ -54,7 +54,7 @@ pub struct HeadCounts {
     pub candidates: u32,
     /// Of them left out beyond `candidates_max`.
     pub over_candidates_max: u32,
-    /// Of them left out because their box, embedding or logit of the unknown is no number or enormous.
+    /// Anchors left out because their objectness, box, embedding or logit of the unknown is no number or enormous.
     pub non_finite: u32,
     /// `boxes_max` was reached: weaker boxes may have been left out.
     pub boxes_max_reached: bool,

@@ -104,25 +104,6 @@ fn a_claimed_box_comes_out_with_its_class_direction_and_scores() -> Fallible {
 }
 
 #[test]
-fn a_weaker_box_of_the_same_object_moves_the_kept_one_and_another_class_does_not() -> Fallible {
-    let manifest = manifest(HeadKind::Metric, 0);
-    let mut head = Head::new(&manifest, &copying(&manifest))?;
-    let anchors = Anchors::new(&manifest);
-    let car = |x: f64| Box3::new([x, -0.9, -0.8, 4.2, 1.7, 1.5, 0.4]);
-    let mut rows = [(); 3].map(|()| quiet_row(&manifest, 6));
-    claim(&mut rows[0], &anchors, [40, 0], &car(3.0), 1.0);
-    claim(&mut rows[1], &anchors, [41, 1], &car(3.4), 0.0);
-    claim(&mut rows[2], &anchors, [42, 2], &car(2.8), 0.0);
-    let (found, _) = detect(&mut head, &[40, 41, 42], &rows.concat())?;
-    assert_eq!((found.len(), found[0].cell), (1, 40));
-    let weights = [1.0f64, 0.0].map(|logit| 1.0 / (1.0 + (-logit).exp()));
-    let expected = 3.0 + 0.4 * weights[1] / (weights[0] + weights[1]);
-    let x = f64::from(found[0].center_m[0]);
-    assert!((x - expected).abs() < 1e-4, "{x} is not {expected}");
-    Ok(())
-}
-
-#[test]
 fn damaged_rows_are_counted_and_limits_are_said() -> Fallible {
     let mut manifest = manifest(HeadKind::Metric, 0);
     manifest.thresholds.candidates_max = 5;
@@ -134,13 +115,14 @@ fn damaged_rows_are_counted_and_limits_are_said() -> Fallible {
         let apart = Box3::new([10.0 * cell as f64, 0.0, -1.0, 2.0, 1.0, 1.0, 0.0]);
         claim(row, &anchors, [cell, 0], &apart, cell as f32);
     }
-    // Finite, and no box or score is: the first box code and the first embedding value.
+    // Finite, and no box or score is: the first box code and the first embedding value. And a value of which no objectness of its
+    // six anchors is a number.
     (rows[6][9], rows[5][6], rows[2][0]) = (3e38, 2e19, f32::NAN);
     let (found, counts) = detect(&mut head, &[0, 1, 2, 3, 4, 5, 6], &rows.concat())?;
     let expected = HeadCounts {
         candidates: 6,
         over_candidates_max: 1,
-        non_finite: 2,
+        non_finite: 2 + 6,
         boxes_max_reached: true,
     };
     assert_eq!(counts, expected);

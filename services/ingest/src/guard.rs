@@ -280,7 +280,9 @@ impl Expected {
             let [found_deg, found_width_deg] = found.field_deg;
             let turn_deg = degrees_off(found_deg, middle_deg);
             let outside_deg = turn_deg + (found_width_deg - width_deg) / 2.0;
-            let is_outside = outside_deg > AROUND_OFF_DEG;
+            // A gap elsewhere is a cover, and the returns beyond the profile's own gap are in the field.
+            let is_gap_shared = 2.0 * turn_deg < 720.0 - width_deg - found_width_deg;
+            let is_outside = outside_deg > AROUND_OFF_DEG && is_gap_shared;
             add(is_outside, Reason::SensorField(outside_deg));
         }
         let beams = &sensor.elevations_deg;

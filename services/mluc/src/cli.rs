@@ -6,7 +6,7 @@ use clap::{Args, Parser, Subcommand};
 use mluc_ipc_types::Stage;
 use mluc_refiner::Variant;
 use mluc_runtime::LOG_FORMATS;
-use mluc_sources::{files::Layout, shard};
+use mluc_sources::{INPUT, LayoutArgs};
 use serde::Serialize;
 
 use crate::settings::{DEFAULT_MODEL, Pace, Profile};
@@ -122,8 +122,7 @@ pub(crate) enum Command {
     },
 }
 
-/// Headings of the help: what concerns ingest alone, and what concerns head and refiner.
-const INPUT: &str = "Input";
+/// A heading of the help: what concerns head and refiner.
 const OBJECTS: &str = "Objects";
 
 /// What `up`, `stage` and `config` share; everything may stand in the configuration file instead (docs/configuration.md).
@@ -146,13 +145,13 @@ pub(crate) struct PipelineArgs {
     /// When the next frame enters [default: sensor].
     #[arg(long, value_enum)]
     pub(crate) pace: Option<Pace>,
-    /// Frames a second at pace `sensor` [default: timestamps.txt beside the scans, else 10].
+    /// Frames a second at pace `sensor` [default: the input's own times, else 10].
     #[arg(long, help_heading = INPUT)]
     #[serde(rename = "rate_hz")]
     pub(crate) rate: Option<f64>,
     /// Begin again after the last scan.
     #[arg(long = "loop", help_heading = INPUT)]
-    #[serde(rename = "loop", skip_serializing_if = "is_off")]
+    #[serde(rename = "loop", skip_serializing_if = "std::ops::Not::not")]
     pub(crate) repeat: bool,
     /// End after so many seconds of input.
     #[arg(long, help_heading = INPUT)]
@@ -169,7 +168,8 @@ pub(crate) struct PipelineArgs {
     #[arg(long, help_heading = OBJECTS)]
     pub(crate) lambda: Option<f64>,
     /// With a model that has a logit of the unknown (an -open model): probability of being none of the known from which
-    /// a box is a candidate unknown, instead of the model's (0: no unknowns). Lower finds more, true and false.
+    /// a box is a candidate unknown, instead of the model's (0: no unknowns). Lower finds more, true and false;
+    /// below one half, only boxes with a class.
     #[arg(long, help_heading = OBJECTS)]
     pub(crate) unknown_min: Option<f64>,
     /// What is published; the rest stays in the lines as `low_score` [default: balanced].
@@ -187,7 +187,7 @@ pub(crate) struct PipelineArgs {
     pub(crate) refiner_mode: Option<String>,
     /// Follow unknown objects over frames: each gets a number and is published once its track is likely enough. Known objects are never delayed.
     #[arg(long, help_heading = OBJECTS)]
-    #[serde(skip_serializing_if = "is_off")]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(crate) track: bool,
     /// Arithmetic of the backbone: f32, bf16, int8 (the model needs a calibration: mluc-lab quantize), or auto, the fastest on this
     /// processor of those that cost at most 0.5 points of mAP known and 1.0 of AP unknown on the validation split [default: auto].
@@ -198,11 +198,11 @@ pub(crate) struct PipelineArgs {
     pub(crate) budget_ms: Option<u64>,
     /// A line on stdout too when the pipeline's state changes: running, degraded, blind, late, starting, stopped.
     #[arg(long)]
-    #[serde(skip_serializing_if = "is_off")]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(crate) status_lines: bool,
     /// Check that each payload lies in shared memory, and fail if not (slow).
     #[arg(long)]
-    #[serde(skip_serializing_if = "is_off")]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(crate) verify_mapping: bool,
     /// Leave a stage to you: start `mluc stage STAGE`, or a program of your own, and replace it while the others run.
     #[arg(long, value_name = "STAGE", value_parser = Stage::ALL.map(Stage::name))]
@@ -214,67 +214,9 @@ pub(crate) struct PipelineArgs {
     pub(crate) threads: Vec<(Stage, u16)>,
 }
 
-/// How to read files of points, where they are not as KITTI's.
-#[derive(Args, Clone, Debug, Default, Serialize)]
-#[command(next_help_heading = INPUT)]
-pub(crate) struct LayoutArgs {
-    /// Columns of a .bin or .npy file, `x,y,z,intensity,ring` for instance; others than x, y, z and intensity are left out [default: these four].
-    #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    columns: Vec<String>,
-    /// Where the sensor is in the coordinates of the files, which may be those of a map [default: 0,0,0].
-    #[arg(long, value_name = "X,Y,Z", value_parser = origin)]
-    #[arg(allow_hyphen_values = true)]
-    origin: Option<[f64; 3]>,
-    /// Metres a unit of the coordinates, 0.001 for mm [default: 1].
-    #[arg(long)]
-    scale: Option<f64>,
-    /// What intensity is multiplied by, so that it is 0 to 1 [default: 1].
-    #[arg(long)]
-    intensity_scale: Option<f64>,
-    /// Which of the file's axes point forward, to the left and up, `y,-x,z` for instance [default: x,y,z].
-    #[arg(long, allow_hyphen_values = true)]
-    axes: Option<String>,
-    /// Calibration of the sensor's unit, for captures and live sensors: Velodyne's YAML, Hesai's CSV, Ouster's JSON [default: the product's].
-    #[arg(long)]
-    calibration: Option<PathBuf>,
-    /// Topic of the scans in a recording [default: the only one that has some].
-    #[arg(long)]
-    topic: Option<String>,
-    /// Correct points for the sensor's motion within a turn, by their times: to where they are at the scan's stamp. Poses come from poses.txt beside the scans, from
-    /// a recording's odometry or transforms, or from ROS 2.
-    #[arg(long)]
-    #[serde(skip_serializing_if = "is_off")]
-    deskew: bool,
-    /// Topic of these poses [default: a recording's /tf or only one, /odom of ROS 2].
-    #[arg(long)]
-    odometry: Option<String>,
-    /// Part I (0 to N-1) of N alone, for job arrays: every Nth scan of files or a recording.
-    #[arg(long, value_name = "I/N", value_parser = shard)]
-    shard: Option<[u32; 2]>,
-}
-
-impl LayoutArgs {
-    /// With defaults where nothing was given.
-    pub(crate) fn layout(&self) -> anyhow::Result<Layout> {
-        Ok(toml::Table::try_from(self)?.try_into()?)
-    }
-}
-
-fn origin(text: &str) -> Result<[f64; 3], String> {
-    let numbers = text.split(',').map(|word| word.trim().parse().ok());
-    let numbers: Option<Vec<f64>> = numbers.collect();
-    let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
-    numbers.ok_or_else(|| format!("expected three numbers, as in 1.5,-2,0, found '{text}'"))
-}
-
 fn later_stage(word: &str) -> Result<Stage, String> {
     let stage = Stage::from_name(word).filter(|stage| *stage > Stage::Backbone);
     stage.ok_or_else(|| "expected head or refiner".to_string())
-}
-
-fn is_off(flag: &bool) -> bool {
-    !flag
 }
 
 fn stage_threads(word: &str) -> Result<(Stage, u16), String> {

@@ -61,6 +61,12 @@ pub(crate) fn load_for(settings: &Settings) -> anyhow::Result<Model> {
             "unknown_min: expected a model with a logit of the unknown (an -open model), found '{name}', whose gate is --lambda"
         ));
     }
+    let has_gate = model.manifest.network.head != HeadKind::Sigmoid;
+    if settings.lambda.is_some_and(|lambda| lambda > 0.0) && !has_gate {
+        return refused(format!(
+            "lambda: expected a model with a metric head, or 0, found '{name}', a closed-set detector"
+        ));
+    }
     let thresholds = &mut model.manifest.thresholds;
     if let Some(lambda) = settings.lambda {
         thresholds.eds_normalised_max = lambda as f32;

@@ -96,34 +96,6 @@ impl ClusterScorer {
 mod tests {
     use super::*;
 
-    /// Layers that hand one feature through: logit = gain x (feature - offset), for features above the offset.
-    fn of_feature(feature: usize, gain: f32, offset: f32) -> ClusterScorer {
-        let [a, b, c, _] = CLUSTER_SCORER_WIDTHS;
-        let mut values = vec![0.0; CLUSTER_SCORER_VALUES];
-        values[feature * b] = 1.0;
-        values[a * b] = -offset;
-        let second = (a + 1) * b;
-        values[second] = 1.0;
-        values[second + (b + 1) * c] = gain;
-        ClusterScorer { values }
-    }
-
-    #[test]
-    fn the_layers_are_read_in_their_order() {
-        let scorer = of_feature(13, 3.0, 0.25);
-        let mut measures = Measures::default();
-        let below = scorer.score(&measures);
-        assert_eq!(below, 0.5, "below the offset nothing is said");
-        measures.is_cut = true;
-        assert_eq!(scorer.logit(&features(&measures)), 3.0 * 0.75);
-        assert!((scorer.score(&measures) - 1.0 / (1.0 + (-2.25f32).exp())).abs() < 1e-6);
-        let mut weights = WeightSet::new();
-        assert_eq!(ClusterScorer::of_model(&weights), None);
-        scorer.write(&mut weights);
-        assert_eq!(ClusterScorer::of_model(&weights), Some(scorer));
-        assert_eq!(ClusterScorer::new(vec![0.0; 3]), None);
-    }
-
     #[test]
     fn what_overflows_scores_like_nothing() {
         let mut values = vec![f32::MAX; CLUSTER_SCORER_VALUES];

@@ -205,7 +205,7 @@ mod tests {
         let sensor = Sensor::plain(&["car"]);
         let [mut whole, mut near] =
             [(); 2].map(|()| ScanClusterer::new(&Settings::default(), &sensor));
-        let (mut matched, mut cells) = (0, [0, 0]);
+        let mut matched = 0;
         for name in SCANS {
             let bytes = std::fs::read(root.join(name)).expect("a bundled scan");
             let scan = crate::testing::unpacked(&bytes);
@@ -229,12 +229,8 @@ mod tests {
                 let expected = refined(&mut whole, &mut task, some);
                 assert_eq!(refined(&mut near, &mut task, some), expected, "{name}");
                 matched += expected.iter().filter(|(.., m)| m.is_some()).count();
-                for (sum, clusterer) in cells.iter_mut().zip([&near, &whole]) {
-                    *sum += clusterer.finder.cell_count();
-                }
             }
         }
         assert!(matched > 50, "{matched} of 480");
-        assert!(cells[0] < cells[1], "fewer cells are made: {cells:?}");
     }
 }

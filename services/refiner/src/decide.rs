@@ -84,6 +84,11 @@ impl UnknownScorer {
         self.is_ours && self.tells_unknown
     }
 
+    /// Whether clusters are scored.
+    pub(crate) fn reads_clusters(&self) -> bool {
+        self.cluster.is_some()
+    }
+
     /// Score and flags of an unknown object from its box and its cluster's measurements.
     pub(crate) fn score(&self, proposal: &mut Proposal) {
         let unseen_m = proposal.measures.map_or(0.0, |m| m.beam_gap_m);
@@ -108,13 +113,13 @@ impl UnknownScorer {
 
     /// A candidate that nobody refined, in a frame whose clusters are scored: its box says nothing of a size, and it comes behind all that was looked at.
     pub(crate) fn score_unrefined(&self, proposal: &mut Proposal) {
-        if self.cluster.is_some() {
+        if self.reads_clusters() {
             proposal.score *= UNLIKELY;
         }
     }
 }
 
-/// What would be published is `low_score` below the profile's scores. What it has suppressed stays suppressed.
+/// What would be published is `low_score` below the profile's scores. What an unknown one has suppressed, which scores less, stays suppressed.
 pub(crate) fn leave_out_low_scores(proposals: &mut [Proposal], score_min: ScoreMin) {
     for proposal in proposals {
         let least = match proposal.kind {

@@ -26,6 +26,8 @@ pub(crate) struct Proposal {
     pub(crate) measures: Option<Measures>,
     /// Whether it is what a candidate is if it is known after all: its second reading.
     pub(crate) is_doubted: bool,
+    /// Known, below the score of the profile.
+    pub(crate) is_low: bool,
 }
 
 /// What is this near to a proposal's centre comes first, m.
@@ -78,6 +80,7 @@ impl Proposal {
             footprint: Footprint::of_box(&shape),
             measures: None,
             is_doubted: false,
+            is_low: false,
         }
     }
 
@@ -113,9 +116,9 @@ impl Proposal {
         self.kind == ObjectKind::Known && self.disposition == Disposition::Published
     }
 
-    /// Known for sure: what lies in it is its own.
+    /// Known for sure, and to be published: what lies in it is its own.
     pub(crate) fn is_sure(&self) -> bool {
-        self.is_known() && !self.is_doubted && self.score >= KNOWN_SCORE_MIN
+        self.is_known() && !self.is_doubted && !self.is_low && self.score >= KNOWN_SCORE_MIN
     }
 
     /// Unknown, and nothing has suppressed it yet.

@@ -5,14 +5,14 @@ use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, Disposition, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, ObjectKind,
     POINTS_MAX, Point,
 };
-use mluc_model::{Model, Probabilities, ScoreMin};
+use mluc_model::{Beams, Model, Probabilities, ScoreMin};
 
 use crate::clusterer::{Clusterer, FrameTask, NoClusterer, ScanClusterer};
 use crate::decide::{UnknownScorer, leave_out_low_scores};
 use crate::merge::{KNOWN_MARGIN_M, best_first, merge};
 use crate::output::{Counters, RefinerOutput};
 use crate::proposal::{Proposal, valid_box};
-use crate::{ClusterScorer, RefinerError, Sensor, Settings, Variant, sensor};
+use crate::{ClusterScorer, RefinerError, Sensor, Settings, Variant};
 use crate::{frame::FrameIndex, paper::PaperClusterer};
 
 /// Work that all candidates of a frame may cost in the paper's variants: points looked at, as often as they are. Counted and
@@ -47,7 +47,7 @@ impl Refiner {
 
     /// For a model: its sensor, its scorer of clusters and its probabilities where it has them.
     pub fn for_model(settings: Settings, model: &Model) -> Result<Refiner, RefinerError> {
-        let sensor = Sensor::from_manifest(&model.manifest)?;
+        let sensor = Sensor::from_manifest(&model.manifest);
         // They are of the default variant's scores.
         let told = model.manifest.thresholds.probabilities.clone();
         let probabilities = told.filter(|_| settings.variant == Variant::default());
@@ -58,14 +58,15 @@ impl Refiner {
         })
     }
 
-    /// With layers that score clusters, which the settings may leave aside. Refuses settings that make no sense.
+    /// With layers that score clusters, which the settings may leave aside. Refuses settings and beams that make no sense.
     pub fn with_scorer(
         settings: Settings,
         sensor: &Sensor,
         scorer: Option<ClusterScorer>,
     ) -> Result<Refiner, RefinerError> {
         settings.check()?;
-        sensor.beams.as_ref().map_or(Ok(()), sensor::check)?;
+        let beams = sensor.beams.as_ref().map_or(Ok(()), Beams::validate);
+        beams.map_err(|cause| RefinerError::new("the sensor", "a range image's beams", cause))?;
         let clusterer: Box<dyn Clusterer> = match settings.variant {
             Variant::RangeScaled => Box::new(ScanClusterer::new(&settings, sensor)),
             Variant::Paper | Variant::PaperCorrected => {
@@ -188,7 +189,9 @@ impl Refiner {
             let proposal = match valid_box(detection, self.classes) {
                 Some(shape) => {
                     let score = self.scorer.score_candidate(detection);
-                    Proposal::of_detection(index, detection, shape, score)
+                    let proposal = Proposal::of_detection(index, detection, shape, score);
+                    let is_low = proposal.score < self.settings.score_min.known;
+                    Proposal { is_low, ..proposal }
                 }
                 None => {
                     self.counters.invalid_detections += 1;
@@ -259,6 +262,9 @@ impl Refiner {
             let [x_m, y_m, _] = object.center_m;
             let is_known = proposal.kind == ObjectKind::Known;
             let told = self.probabilities.as_ref();
+            // The tables are of scores with the cluster's.
+            let is_whole = proposal.flags & Object::UNREFINED == 0 || !self.scorer.reads_clusters();
+            let told = told.filter(|_| is_whole);
             let told = told.and_then(|told| told.of(is_known, x_m.hypot(y_m), object.score));
             if let Some(probability) = told {
                 object.tell_probability(probability);

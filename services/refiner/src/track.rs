@@ -17,6 +17,10 @@ const FRAMES_MAX: usize = 32;
 /// What moved so far over the ground within a window, m, and on a way hardly longer than that, moves.
 const MOVED_MIN_M: f64 = 1.5;
 const STRAIGHT_MIN: f64 = 0.9;
+/// What was not seen for so many windows of sequences is forgotten, however few frames of them came.
+const WINDOWS_MAX: u64 = 4;
+/// So many lost frames widen the way that an object may have gone.
+const LOST_MAX: u64 = 2;
 /// Log odds that motion adds, and standing still for a whole window: fitted, with a slope of 1.0 on the mean of the best frames, to
 /// simulated validation drives.
 const MOVING: f64 = 2.0;
@@ -30,7 +34,7 @@ pub struct TrackSettings {
     /// moves 0.4 m in a frame at 10 Hz; the rest is how a box's centre wanders when other faces come into view.
     #[default(1.5)]
     pub distance_max_m: f64,
-    /// Frames that must have seen an object, among the last `window`, before it is published. The best so many say how likely it is.
+    /// Frames that must have seen an object, among the last `window` that came, before it is published. The best so many say how likely it is.
     #[default(5)]
     pub confirm_hits: u32,
     /// Frames that count, at most 32.
@@ -66,10 +70,12 @@ const TRACKS_MAX: usize = 512;
 #[derive(Clone, Copy, Debug, Default)]
 struct Sighting {
     sequence: u64,
+    /// Of those that came, counted.
+    frame: u64,
     stamp_ns: u64,
     /// m: in the fixed frame, or in the sensor's while no pose is known.
     place_m: [f64; 2],
-    /// Of being an object; infinite where nobody tells it.
+    /// Of being an object; infinite where nobody tells it, NaN where the frame alone does not tell it.
     log_odds: f64,
 }
 
@@ -97,6 +103,8 @@ pub struct Tracker {
     tracks: Vec<Track>,
     order: Vec<usize>,
     next_id: u32,
+    /// Frames that came.
+    frame: u64,
     /// Run, what tells the sensor's pose ([`EgoPose::is_known`]) and sequence of the last frame.
     last: Option<[u64; 3]>,
 }
@@ -110,6 +118,7 @@ impl Tracker {
             tracks: Vec::with_capacity(TRACKS_MAX),
             order: Vec::with_capacity(OBJECTS_MAX),
             next_id: 0,
+            frame: 0,
             last: None,
         })
     }
@@ -117,8 +126,8 @@ impl Tracker {
     /// Unknown objects that nothing has suppressed get number, age, speed and probability of their track, also those with a low score. Of a confirmed track all
     /// are published; what else would be becomes [`Disposition::Unconfirmed`]. Known objects stay as they are, and so do unknown ones beyond the most tracks.
     ///
-    /// The header has the sensor's pose, where known; without it nothing is known to move. Frames that are missing between two calls count
-    /// as frames that did not see anything.
+    /// The header has the sensor's pose, where known; without it nothing is known to move. Frames that are missing between two calls tell
+    /// nothing, but what they leave unseen for four windows is forgotten.
     pub fn update(&mut self, header: &FrameHeader, refined: &mut RefinerOutput) {
         self.age([header.run_id, header.ego.is_known.into(), header.sequence]);
         let objects = &mut refined.objects;
@@ -140,7 +149,12 @@ impl Tracker {
                 sequence: header.sequence,
                 stamp_ns: header.sensor_stamp_ns,
                 place_m: in_fixed_frame(&header.ego, object.center_m),
-                log_odds: told.map_or(f64::INFINITY, log_odds),
+                frame: self.frame,
+                log_odds: match told {
+                    Some(probability) => log_odds(probability),
+                    None if object.flags & Object::UNREFINED != 0 => f64::NAN,
+                    None => f64::INFINITY,
+                },
             };
             let Some(track) = self.track_of(sighting, header.ego.is_known != 0) else {
                 continue;
@@ -164,11 +178,19 @@ impl Tracker {
         if last.is_some_and(|last| [run, told_by] != last[..2] || sequence < last[2]) {
             self.tracks.clear();
         }
-        let oldest = sequence.saturating_sub(u64::from(self.settings.window) - 1);
+        match last {
+            // Of a refiner before this one, numbers are others: a frame begins no more than so many tracks.
+            None => self.next_id = (sequence * TRACKS_MAX as u64 % u64::from(Object::NONE)) as u32,
+            Some([.., before]) => self.frame += u64::from(sequence != before),
+        }
+        let window = u64::from(self.settings.window);
+        let oldest = self.frame.saturating_sub(window - 1);
+        let earliest = sequence.saturating_sub(WINDOWS_MAX * window);
         self.tracks.retain_mut(|track| {
             track.is_taken = false;
             let seen = track.seen[..track.count].iter();
-            track.count = seen.take_while(|one| one.sequence >= oldest).count();
+            let is_young = |one: &&Sighting| one.frame >= oldest && one.sequence >= earliest;
+            track.count = seen.take_while(is_young).count();
             track.count > 0
         });
     }
@@ -177,7 +199,12 @@ impl Tracker {
     fn track_of(&mut self, sighting: Sighting, has_pose: bool) -> Option<&Track> {
         let free = self.tracks.iter().enumerate().filter(|(_, t)| !t.is_taken);
         let distances = free.map(|(index, track)| (index, track.distance_m(&sighting)));
-        let near = distances.filter(|(_, m)| *m <= self.settings.distance_max_m);
+        let near = distances.filter(|(index, m)| {
+            // Where frames were lost it has gone farther.
+            let frames = sighting.sequence - self.tracks[*index].seen[0].sequence;
+            let lost = frames - (sighting.frame - self.tracks[*index].seen[0].frame);
+            *m <= self.settings.distance_max_m * (1 + lost.min(LOST_MAX)) as f64
+        });
         let nearest = near.min_by(|a, b| a.1.total_cmp(&b.1));
         let index = match nearest {
             Some((index, _)) => index,
@@ -223,6 +250,14 @@ impl Track {
             // Half of the new step, half of the old: a box's centre jumps when another face comes into view.
             self.step_m = [0, 1].map(|axis| 0.5 * (self.step_m[axis] + step(axis)));
         }
+        let sighting = Sighting {
+            log_odds: match sighting.log_odds {
+                odds if !odds.is_nan() => odds,
+                _ if self.count > 0 => last.log_odds,
+                _ => f64::MIN,
+            },
+            ..sighting
+        };
         // A frame that is sent again is the same sighting.
         if self.count == 0 || frames > 0.0 {
             self.seen.rotate_right(1);

@@ -24,19 +24,6 @@ fn carts() -> (Vec<Point>, Vec<Detection>) {
 }
 
 #[test]
-fn an_empty_frame_and_no_candidates() {
-    let cart = standing(12.0, 1.0, CART, 0.0);
-    for (variant, out) in refine_all(&[], &[candidate(&cart, [0.5, -0.3], 1.0)]) {
-        let is_published = is(&out.objects[0], Disposition::Published);
-        let has_few = is(&out.objects[0], Disposition::TooFewPoints);
-        let is_none = variant == Variant::None;
-        assert_eq!((is_published, has_few), (is_none, !is_none), "{variant:?}");
-    }
-    refine_all(&scan(&[]), &[]);
-    refine_all(&[], &[]);
-}
-
-#[test]
 fn five_hundred_and_twelve_candidates_on_one_spot() {
     let cart = standing(12.0, 1.0, CART, 0.3);
     let spot = |k| candidate(&cart, [0.001 * f64::from(k), 0.0], 1.0 + k as f32);
@@ -96,23 +83,6 @@ fn clouds_that_are_no_scene() {
                 }
             }
         }
-    }
-}
-
-#[test]
-fn points_that_are_not_finite_are_left_out_and_counted() {
-    let cart = standing(12.0, 1.0, CART, 0.3);
-    let clean = scan(&[cart]);
-    let mut points = clean.clone();
-    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-        let around = [[bad, 1.0, -1.0], [12.0, bad, -1.0], [12.0, 1.0, bad]];
-        points.extend(around.map(point));
-    }
-    let detections = [candidate(&cart, [0.4, 0.2], 1.0)];
-    for (variant, out) in refine_all(&points, &detections) {
-        assert_eq!(out.counters.points_not_finite, 9, "{variant:?}");
-        let without = refine(variant, &clean, &detections);
-        assert_eq!(out.objects, without.objects, "{variant:?}");
     }
 }
 

@@ -113,6 +113,18 @@ fn what_moves_is_ranked_higher_and_what_is_old_and_still_lower_and_stays() {
 
 #[test]
 fn misses_are_bridged_a_whole_window_is_not_and_a_run_that_begins_anew_forgets() {
+    for (came, published) in [
+        // Two of three frames are lost.
+        (&[0, 3, 6][..], &[false, false, true][..]),
+        (&[0, 1, 2, 42], &[false, false, true, true]),
+        (&[0, 1, 2, 43], &[false, false, true, false]),
+        (&[5, 6, 7, 0, 1], &[false, false, true, false, false]),
+    ] {
+        let seen = seen_at(came, |_| 8.0);
+        let found = seen.iter().map(Object::is_published);
+        assert!(found.eq(published.iter().copied()), "{came:?}");
+    }
+    // Every frame comes.
     for (sequences, published) in [
         (&[0, 1, 2][..], &[false, false, true][..]),
         // The second frame is sent again.
@@ -122,11 +134,16 @@ fn misses_are_bridged_a_whole_window_is_not_and_a_run_that_begins_anew_forgets()
         // Eight misses and nine.
         (&[0, 1, 2, 11], &[false, false, true, true]),
         (&[0, 1, 2, 12], &[false, false, true, false]),
-        (&[5, 6, 7, 0, 1], &[false, false, true, false, false]),
     ] {
-        let seen = seen_at(sequences, |_| 8.0);
-        let found = seen.iter().map(Object::is_published);
-        assert!(found.eq(published.iter().copied()), "{sequences:?}");
+        let (mut tracker, mut found, mut last) = (tracker(), vec![], 0);
+        for &sequence in sequences {
+            let ego = EgoPose::default();
+            (last + 1..sequence).for_each(|missed| drop(update(&mut tracker, missed, &ego, &[])));
+            let unknown = object(ObjectKind::Unknown, 8.0, 1.0, 0.5);
+            found.push(update(&mut tracker, sequence, &ego, &[unknown])[0].is_published());
+            last = sequence;
+        }
+        assert_eq!(found, published, "{sequences:?}");
     }
 }
 

@@ -5,34 +5,87 @@ use bytes::Bytes;
 use mluc_gateway::ros2::topics;
 use mluc_runtime::Instance;
 use mluc_view::Follower;
-use rustdds::{Duration, QosPolicyBuilder, no_key::DataWriter};
+use rustdds::no_key::DataWriter;
+use rustdds::{DataWriterStatus, DomainParticipant, DomainParticipantStatusEvent, LostReason};
+use rustdds::{Duration, QosPolicyBuilder, StatusEvented};
 
-use crate::dds::{Encoded, join, keep, topic};
+use crate::dds::{Encoded, Patience, join, keep, topic};
 
-/// Messages that are kept where nobody acknowledges any.
-const DEPTH: i32 = 5;
-/// Clouds and other messages that subscribers may leave unacknowledged; then the next ones are dropped. 2 s and 100 s at 10 Hz: a subscriber that is
-/// gone is forgotten within 20 s.
-const BEHIND_MAX: [i32; 2] = [20, 1000];
+/// Clouds and other messages that are kept after they were sent. No fewer clouds than may wait: the oldest, which is on its way, would be replaced.
+const DEPTH: [i32; 2] = [10, 5];
+/// And those that may wait for subscribers; then the next ones are dropped. 1 s and 100 s at 10 Hz: a subscriber that is gone is forgotten within 20 s.
+const BEHIND_MAX: [i32; 2] = [10, 1000];
+
+struct Writers {
+    /// One a topic, and how many subscribers it has.
+    writers: Vec<(DataWriter<Bytes, Encoded>, i32)>,
+    participant: DomainParticipant,
+}
+
+impl Writers {
+    fn join() -> anyhow::Result<Writers> {
+        let participant = join()?;
+        let publisher = participant.create_publisher(&QosPolicyBuilder::new().build())?;
+        let mut writers = vec![];
+        for (place, own) in topics().into_iter().enumerate() {
+            let [depth, behind] = [DEPTH, BEHIND_MAX].map(|of| of[usize::from(place > 0)]);
+            let qos = keep(
+                QosPolicyBuilder::new().reliable(Duration::ZERO),
+                depth,
+                behind,
+            );
+            let topic = topic(&participant, own.name, own.schema, &qos)?;
+            let writer = publisher.create_datawriter_no_key(&topic, Some(qos));
+            writers.push((writer.with_context(|| format!("topic {}", own.name))?, 0));
+        }
+        Ok(Writers {
+            writers,
+            participant,
+        })
+    }
+
+    /// Whether a participant has gone without a word, for lack of a network or of life: it would not be taken back.
+    fn have_lost(&self) -> bool {
+        let listener = self.participant.status_listener();
+        let events = std::iter::from_fn(|| listener.try_recv_status());
+        let lost = events.filter(|event| match event {
+            DomainParticipantStatusEvent::ParticipantLost { reason, .. } => {
+                matches!(reason, LostReason::Timeout { .. })
+            }
+            _ => false,
+        });
+        lost.count() > 0
+    }
+
+    /// Whether anybody subscribes.
+    fn are_heard(&mut self) -> bool {
+        for (writer, subscribers) in &mut self.writers {
+            while let Some(status) = writer.try_recv_status() {
+                if let DataWriterStatus::PublicationMatched { current, .. } = status {
+                    *subscribers = current.count();
+                }
+            }
+        }
+        self.writers.iter().any(|(_, subscribers)| *subscribers > 0)
+    }
+}
 
 pub(crate) fn publish(instance: Option<Instance>) -> anyhow::Result<()> {
     let mut follower = Follower::open(instance)?;
-    let participant = join()?;
-    let publisher = participant.create_publisher(&QosPolicyBuilder::new().build())?;
-    let mut writers: Vec<DataWriter<Bytes, Encoded>> = vec![];
-    for (place, own) in topics().into_iter().enumerate() {
-        let qos = QosPolicyBuilder::new().reliable(Duration::ZERO);
-        let qos = keep(qos, DEPTH, BEHIND_MAX[usize::from(place > 0)]);
-        let topic = topic(&participant, own.name, own.schema, &qos)?;
-        let writer = publisher.create_datawriter_no_key(&topic, Some(qos));
-        writers.push(writer.with_context(|| format!("topic {}", own.name))?);
-    }
-    let domain = participant.domain_id();
+    let (mut topics, mut patience) = (Writers::join()?, Patience::default());
+    let domain = topics.participant.domain_id();
     tracing::info!(domain, "publishing; Ctrl-C ends it");
     let mut dropped = 0;
     while let Some(moment) = follower.next(|| true)? {
+        let have_lost = topics.have_lost();
+        if patience.is_over(topics.are_heard()) || have_lost {
+            match Writers::join() {
+                Ok(joined) => topics = joined,
+                Err(error) => tracing::warn!("cannot join anew: {error:#}"),
+            }
+        }
         // The channels are in the order of the topics; the line has none.
-        for (writer, message) in writers.iter().zip(moment.messages) {
+        for ((writer, _), message) in topics.writers.iter().zip(moment.messages) {
             let Some(message) = message else { continue };
             if let Err(error) = writer.write(message.into(), None) {
                 dropped += 1;

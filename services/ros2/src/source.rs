@@ -13,7 +13,7 @@ use mluc_sources::{LiveScans, Next, ODOMETRY, Odometry, Scan, Source, TF, TRANSF
 use rustdds::{DomainParticipant, GUID, QosPolicyBuilder};
 use rustdds::{no_key::SimpleDataReader, policy::Durability};
 
-use crate::dds::{Encoded, join, keep, topic};
+use crate::dds::{Encoded, Patience, join, keep, topic};
 
 /// Clouds that wait: the newest, and the one that arrives.
 const CLOUDS_MAX: i32 = 2;
@@ -22,6 +22,9 @@ const POSES_MAX: i32 = 200;
 /// Messages of fixed transforms: one of each publisher.
 const FIXED_MAX: i32 = 50;
 const ODOM: &str = "/odom";
+/// The largest buffer of a socket, and what a cloud of 200,000 points fits.
+const BUFFER: &str = "/proc/sys/net/core/rmem_max";
+const BUFFER_BYTES: u64 = 4 << 20;
 /// How long a writer may wait for readers; nothing is written here.
 const RELIABLE_BLOCKING: rustdds::Duration = rustdds::Duration::ZERO;
 
@@ -38,26 +41,27 @@ type Reader = SimpleDataReader<Vec<u8>, Encoded>;
 struct Clouds {
     name: String,
     layout: Layout,
-    reader: Reader,
+    topics: Topics,
     /// What the scans are corrected by.
     odometry: Odometry,
-    /// Where its messages come from: what they are, and whether what they tell holds at any time. None without `--deskew`.
-    poses: Vec<(Reader, &'static str, bool)>,
-    _participant: DomainParticipant,
     heard: Instant,
-    number: u64,
+    patience: Patience,
     /// Publisher and sequence number of the last cloud.
     last: Option<(GUID, i64)>,
     /// Messages since the last scan that are none.
     missed: u64,
 }
 
-impl Clouds {
-    fn open(name: &str, layout: &Layout) -> anyhow::Result<Clouds> {
-        if name.trim_matches('/').is_empty() {
-            let text = format!("input: expected ros2:/TOPIC, found ros2:{name}");
-            return Err(UsageError(text).into());
-        }
+/// What is read.
+struct Topics {
+    clouds: Reader,
+    /// Where poses come from: what they are, and whether what they tell holds at any time. None without `--deskew`.
+    poses: Vec<(Reader, &'static str, bool)>,
+    participant: DomainParticipant,
+}
+
+impl Topics {
+    fn join(name: &str, layout: &Layout) -> anyhow::Result<Topics> {
         let participant = join()?;
         let read = |qos, name: &str, schema: &str, depth, count_max| -> anyhow::Result<Reader> {
             let qos = keep(qos, depth, count_max);
@@ -72,7 +76,7 @@ impl Clouds {
             qos.reliable(RELIABLE_BLOCKING)
         };
         let [cloud, ..] = topics();
-        let reader = read(sensor_data(), name, cloud.schema, 1, CLOUDS_MAX)?;
+        let clouds = read(sensor_data(), name, cloud.schema, 1, CLOUDS_MAX)?;
         let mut poses = vec![];
         let topic = layout.odometry.as_deref().unwrap_or(ODOM);
         if layout.deskew {
@@ -81,17 +85,35 @@ impl Clouds {
             let fixed = read(latched(), TF[1], TRANSFORMS, FIXED_MAX, FIXED_MAX)?;
             poses = vec![(fixed, TRANSFORMS, true), (moving, schema, false)];
         }
-        let domain = participant.domain_id();
+        Ok(Topics {
+            clouds,
+            poses,
+            participant,
+        })
+    }
+}
+
+impl Clouds {
+    fn open(name: &str, layout: &Layout) -> anyhow::Result<Clouds> {
+        if name.trim_matches('/').is_empty() {
+            let text = format!("input: expected ros2:/TOPIC, found ros2:{name}");
+            return Err(UsageError(text).into());
+        }
+        let topics = Topics::join(name, layout)?;
+        let domain = topics.participant.domain_id();
+        let buffer_bytes = std::fs::read_to_string(BUFFER).unwrap_or_default();
+        if let Ok(bytes @ ..BUFFER_BYTES) = buffer_bytes.trim().parse::<u64>() {
+            let expected = BUFFER_BYTES;
+            tracing::warn!("{BUFFER}: {bytes}; below {expected} large clouds do not arrive whole");
+        }
         tracing::info!(topic = name, domain, "listening");
         Ok(Clouds {
             name: name.to_string(),
             layout: layout.clone(),
-            reader,
+            topics,
             odometry: Odometry::new(layout)?,
-            poses,
-            _participant: participant,
             heard: Instant::now(),
-            number: 0,
+            patience: Patience::default(),
             last: None,
             missed: 0,
         })
@@ -100,9 +122,9 @@ impl Clouds {
     /// Takes all that is there; the newest stays. `None`: there was nothing.
     fn newest(&mut self) -> Option<Vec<u8>> {
         let mut newest = None;
-        self.reader.drain_read_notifications();
+        self.topics.clouds.drain_read_notifications();
         loop {
-            match self.reader.try_take_one() {
+            match self.topics.clouds.try_take_one() {
                 Ok(None) => return newest,
                 Ok(Some(message)) => {
                     let (writer, sequence) =
@@ -127,11 +149,18 @@ impl LiveScans for Clouds {
         let begun = Instant::now();
         loop {
             let waker = Waker::from(Arc::new(Unpark(current())));
-            self.reader.set_waker(Some(waker));
-            if let Some(message) = self.newest() {
+            self.topics.clouds.set_waker(Some(waker));
+            let newest = self.newest();
+            if self.patience.is_over(newest.is_some()) {
+                match Topics::join(&self.name, &self.layout) {
+                    Ok(topics) => self.topics = topics,
+                    Err(error) => tracing::warn!("cannot join anew: {error:#}"),
+                }
+            }
+            if let Some(message) = newest {
                 self.heard = Instant::now();
                 let frame = scan.take_point_cloud2(&self.layout, &message, wall_clock_ns());
-                for (reader, schema, is_fixed) in &mut self.poses {
+                for (reader, schema, is_fixed) in &mut self.topics.poses {
                     reader.drain_read_notifications();
                     while let Ok(Some(message)) = reader.try_take_one() {
                         self.odometry.take(schema, *is_fixed, &message.into_value());
@@ -140,9 +169,8 @@ impl LiveScans for Clouds {
                 if self.layout.deskew {
                     self.odometry.correct(scan, &frame);
                 }
-                (scan.name, scan.offset_ns) = (format!("{:06}", self.number), None);
-                scan.missed = std::mem::take(&mut self.missed);
-                self.number += 1;
+                (scan.offset_ns, scan.missed) = (None, std::mem::take(&mut self.missed));
+                scan.name.clear();
                 return Ok(Next::Scan);
             }
             match patience.checked_sub(begun.elapsed()) {

@@ -66,9 +66,12 @@ impl<T: Payload> Frames<T> {
         if let Next::Message(message) = &next
             && let Err(error) = self.admit(shell, message.header())?
         {
-            // One that looks on finds the last frame from before it came, whose scan it has not seen.
-            let is_before = matches!(error, ContractError::Sequence { end: 0, .. });
-            if !is_before || shell.heartbeat.is_some() {
+            // One that looks on finds the last frame from before it came, whose scan it has not seen, and has no use for one that was sent again.
+            let is_known = match error {
+                ContractError::Sequence { end, found, .. } => end == 0 || Some(found) == self.last,
+                _ => false,
+            };
+            if !is_known || shell.heartbeat.is_some() {
                 shell.refuse(&error.to_string())?;
             }
             return Ok(Next::Timeout);
@@ -94,7 +97,9 @@ impl<T: Payload> Frames<T> {
             scans.take(run, |_| ())?;
             sent = scans.count_sent();
         }
-        let sequences = self.last.unwrap_or(0)..sent;
+        // A stage answers again what is sent again.
+        let next = u64::from(shell.heartbeat.is_none());
+        let sequences = self.last.map_or(0, |last| last + next)..sent;
         let checked = header.checked_in(run, sequences).map(drop);
         if checked.is_err() {
             return Ok(checked);

@@ -284,18 +284,4 @@ mod tests {
         fs::remove_file(root).unwrap();
         assert_eq!(fs::read_dir(elsewhere.path()).unwrap().count(), 0);
     }
-
-    #[test]
-    fn another_wire_version_is_named() {
-        let instance = instance("wire");
-        let member = Membership::join(&instance, "a").unwrap();
-        let path = instance.root().join(CONTRACT);
-        fs::write(&path, "wire=9 version=3.0.0 by=ingest pid=77\n").unwrap();
-        let error = Membership::join(&instance, "b").unwrap_err().to_string();
-        let ours = format!("wire version {WIRE_VERSION}");
-        for part in ["wire version 9", "mluc 3.0.0", "ingest", "77", &ours] {
-            assert!(error.contains(part), "{part}: {error}");
-        }
-        drop(member);
-    }
 }

@@ -1,12 +1,11 @@
-//! What is not of this run, of this model, or out of sequence is never used; heartbeats that make no sense are left out. A wait ends
-//! with a message, or when the process is asked to end.
+//! What is not of this run, of this model, or out of sequence is never used; heartbeats that make no sense are left out.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use bytemuck::Zeroable;
 use mluc_ipc_types::{
-    Detection, FeatureBlock, FrameHeader, Health, HealthState, Object, Point, RunDescription,
-    Stage, Topic, WIRE_VERSION,
+    Detection, FeatureBlock, FrameHeader, Health, HealthState, Point, RunDescription, Stage, Topic,
+    WIRE_VERSION,
 };
 use mluc_runtime::{
     Frames, Instance, Next, Output, Payload, Scans, Shell, Shutdown, random_run_id,
@@ -188,46 +187,6 @@ fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
     assert_eq!(both(&mut others).0, None);
     others.send(|_| (), 0);
     assert_eq!(both(&mut others), (Some(0), [(9, 2); 2]));
-}
-
-#[test]
-fn waiting_wakes_up_says_why_and_ends_on_request() {
-    let instance = instance("wait");
-    let mut others = Others::new(&instance);
-    let shutdown = Shutdown::default();
-    let mut consumer = Shell::stage(&instance, Stage::Backbone, shutdown.clone()).unwrap();
-    let mut objects = Frames::<Object>::new(&consumer, &Topic::OBJECTS, None).unwrap();
-    let mut watch = consumer.health_watch().unwrap();
-    others.shell.tick().unwrap();
-    let begun = Instant::now();
-    let silence = Topic::SILENCE_MAX + Duration::from_millis(200);
-    let ending = std::thread::spawn(move || {
-        std::thread::sleep(silence);
-        shutdown.request();
-    });
-    let next = objects.next_within(&mut consumer, |_, _| (), Duration::MAX);
-    assert!(matches!(next.unwrap(), Next::Stopping));
-    assert!(begun.elapsed() < silence + Duration::from_millis(400));
-    ending.join().unwrap();
-    watch.update().unwrap();
-    let health = watch.of(Stage::Backbone).unwrap();
-    assert_eq!(health.state, HealthState::WaitingInput as u32);
-    let reason = "waiting for objects: no producer is running";
-    assert_eq!(health.reason(), reason);
-
-    let (own, header) = (instance.clone(), others.header(5));
-    let sender = std::thread::spawn(move || {
-        let mut producer = stage(&own, Stage::Refiner);
-        let mut output = producer.output::<Object>(&Topic::OBJECTS, 1).unwrap();
-        std::thread::sleep(Duration::from_millis(100));
-        output.send(&header, &[]).unwrap();
-        std::thread::sleep(Duration::from_millis(200));
-    });
-    let mut head = stage(&instance, Stage::Head);
-    others.shell.tick().unwrap();
-    let next = objects.next_within(&mut head, |_, _| (), Duration::MAX);
-    assert!(matches!(next.unwrap(), Next::Message(m) if m.header().sequence == 5));
-    sender.join().unwrap();
 }
 
 #[test]

@@ -60,21 +60,6 @@ fn a_message_is_written_once_and_read_where_it_lies() {
 }
 
 #[test]
-fn newest_wins() {
-    let (_shells, mut output, mut input) = pair::<Point>("newest", &Topic::POINTS, 100);
-    send(&mut output, 0, 10);
-    let held = input.newest().unwrap().unwrap();
-    for sequence in 1..=20 {
-        send(&mut output, sequence, 10);
-    }
-    let newest = input.newest().unwrap().unwrap();
-    assert_eq!(newest.header().sequence, 20);
-    let is_first = |point: &Point| point.y_m == 0.0;
-    assert!(held.elements().iter().all(is_first), "it stays as it was");
-    assert!(input.newest().unwrap().is_none());
-}
-
-#[test]
 fn an_empty_message_arrives_and_an_unsent_one_does_not() {
     let (_shells, mut output, mut input) = pair::<Point>("empty", &Topic::POINTS, 100);
     let header = FrameHeader::new(0, "a");

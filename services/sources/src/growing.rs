@@ -77,7 +77,9 @@ impl Growing {
             (Some(old), Some(new)) if (&old.0, old.1) == (&new.0, new.1) => {}
             _ => self.newest = now,
         }
-        let is_settled = |(_, _, since): &mut (_, _, Instant)| since.elapsed() >= SETTLED;
+        // A writer that has only opened its file writes on.
+        let is_settled =
+            |(_, bytes, since): &mut (_, u64, Instant)| *bytes > 0 && since.elapsed() >= SETTLED;
         self.newest.take_if(is_settled).is_some()
     }
 }
@@ -103,6 +105,11 @@ impl LiveScans for Growing {
         let (name, silent) = (self.path.display(), self.heard.elapsed());
         let words = || format!("no new scan in {name} for {} s", silent.as_secs());
         (silent >= SILENCE).then(words)
+    }
+
+    fn go_on(&mut self) -> anyhow::Result<()> {
+        self.folder.scans = scan_files(&self.path, None)?.pop().into_iter().collect();
+        Ok(())
     }
 }
 

@@ -4,6 +4,7 @@
 //! I/O; [`pcap`] reads captures, [`udp`] listens to a live sensor; a recording (MCAP) holds scans as messages. [`Source::merge`] makes one of several.
 //! [`Source::live`] takes scans of another program's kind. [`Odometry`] corrects scans for motion.
 
+mod arguments;
 mod capture;
 mod deskew;
 mod error;
@@ -33,6 +34,7 @@ use live::{Live, PATIENCE};
 use merged::Merged;
 use recording::Recording;
 
+pub use arguments::{INPUT, LayoutArgs};
 pub use deskew::Deskew;
 pub use error::SourceError;
 use error::refused;
@@ -95,11 +97,16 @@ enum Kind {
 
 /// Scans that come when the sensor sends them.
 pub trait LiveScans: Send {
-    /// Loads the newest scan that was not loaded yet; waits so long at most. Errors: those that end the source.
+    /// Loads the newest scan that was not loaded yet; waits so long at most. One without a name gets a number. Errors: those that end the source.
     fn load(&mut self, scan: &mut Scan, patience: Duration) -> anyhow::Result<Next>;
 
     /// What to say while none comes.
     fn silence(&self) -> Option<String>;
+
+    /// An earlier process has loaded what is there.
+    fn go_on(&mut self) -> anyhow::Result<()> {
+        Ok(())
+    }
 }
 
 /// Opens an input, as [`Source::open`] does.
@@ -232,6 +239,15 @@ impl Source {
         }
     }
 
+    /// An earlier process has loaded the scans so far: a folder that grows begins behind them.
+    pub fn go_on(&mut self) -> anyhow::Result<()> {
+        match &mut self.kind {
+            Kind::Live(live) => live.go_on(),
+            Kind::Merged(merged) => merged.parts.iter_mut().try_for_each(|p| p.source.go_on()),
+            _ => Ok(()),
+        }
+    }
+
     /// As [`Source::load`], for a scan that nobody may read: no points. A capture or a recording is read on; a live sensor's next scan is another one.
     pub fn pass_over(&mut self, sequence: u64, scan: &mut Scan) -> anyhow::Result<Next> {
         let part = sequence;
@@ -256,7 +272,13 @@ impl Source {
     pub fn load(&mut self, sequence: u64, scan: &mut Scan) -> anyhow::Result<Next> {
         let sequence = place(self.shard, sequence);
         match &mut self.kind {
-            Kind::Live(live) => live.load(scan, PATIENCE),
+            Kind::Live(live) => {
+                let next = live.load(scan, PATIENCE)?;
+                if scan.name.is_empty() {
+                    scan.name = numbered(sequence);
+                }
+                Ok(next)
+            }
             Kind::Merged(merged) => merged.load(sequence, scan),
             Kind::Capture(capture) => capture.load(sequence, self.repeat, scan),
             Kind::Recording(recording) => recording.load(sequence, self.repeat, scan),

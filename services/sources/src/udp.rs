@@ -9,7 +9,8 @@ use std::os::fd::AsRawFd;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use nix::sys::socket::{
-    ControlMessageOwned, MsgFlags, SockaddrStorage, getsockopt, recvmsg, setsockopt, sockopt,
+    ControlMessageOwned, MsgFlags, SockFlag, SockType, SockaddrLike, SockaddrStorage,
+    bind as bind_socket, getsockopt, recvmsg, setsockopt, socket, sockopt,
 };
 use nix::{cmsg_space, errno::Errno, sys::time::TimeSpec};
 
@@ -30,7 +31,7 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// Listens at an address of this machine (0.0.0.0: at all), or joins a multicast group. [`receive`](Self::receive) waits `silence` at most.
+    /// Listens at an address of this machine (0.0.0.0: at all), also one that it gets later, or joins a multicast group. [`receive`](Self::receive) waits `silence` at most.
     pub fn open(address: SocketAddr, silence: Duration) -> Result<Receiver, SourceError> {
         let refused = |cause: Error| SourceError::io(format_args!("UDP {address}"), cause);
         let socket = bind(address, silence).map_err(refused)?;
@@ -115,10 +116,24 @@ fn bind(address: SocketAddr, silence: Duration) -> Result<UdpSocket, Error> {
             socket.join_multicast_v6(&group, 0)?;
             socket
         }
-        own => UdpSocket::bind((own, port))?,
+        own => UdpSocket::bind((own, port)).or_else(|error| match error.kind() {
+            ErrorKind::AddrNotAvailable => bind_ahead(address),
+            _ => Err(error),
+        })?,
     };
     socket.set_read_timeout(Some(silence))?;
     Ok(socket)
+}
+
+/// At an address that this machine does not have yet: that of a network which comes up when the sensor does.
+fn bind_ahead(address: SocketAddr) -> Result<UdpSocket, Error> {
+    tracing::warn!(%address, "no such address on this machine yet: waiting for it");
+    let address = SockaddrStorage::from(address);
+    let family = address.family().ok_or(Errno::EAFNOSUPPORT)?;
+    let socket = socket(family, SockType::Datagram, SockFlag::SOCK_CLOEXEC, None)?;
+    setsockopt(&socket, sockopt::IpFreebind, &true)?;
+    bind_socket(socket.as_raw_fd(), &address)?;
+    Ok(socket.into())
 }
 
 /// Asks for the buffer, the stamps and the count; gives the buffer's size.
@@ -146,6 +161,8 @@ mod tests {
 
     #[test]
     fn datagrams_come_with_sender_and_time_and_silence_is_said() {
+        let later = SocketAddr::from(([192, 0, 2, 77], 0));
+        assert!(Receiver::open(later, Duration::from_millis(20)).is_ok());
         let local = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
         let mut receiver = Receiver::open(local, Duration::from_millis(20)).unwrap();
         let sender = UdpSocket::bind(local).unwrap();

@@ -132,6 +132,10 @@ fn converse(stream: TcpStream, shared: &Shared, protocol: HeaderValue) -> Result
         let taken = match socket.read() {
             Ok(Message::Text(text)) => subscribe(&text, &mut subscriptions),
             Ok(Message::Binary(_)) => Err("a binary message".to_string()),
+            Ok(Message::Close(_)) => {
+                let _ = socket.flush();
+                return Ok(());
+            }
             Ok(_) => Ok(()),
             Err(Error::Io(error)) if error.kind() == ErrorKind::WouldBlock => Ok(()),
             Err(error) => return Err(error),

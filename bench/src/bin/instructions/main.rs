@@ -99,7 +99,7 @@ fn network(
 fn refiner(manifest: &Manifest, points: &[[f32; 4]], parts: &mut Vec<String>) -> Result<()> {
     let points: Vec<Point> = bytemuck::cast_slice(points).to_vec();
     let candidates = scene::candidates();
-    let mut refiner = Refiner::new(Settings::default(), &Sensor::from_manifest(manifest)?)?;
+    let mut refiner = Refiner::new(Settings::default(), &Sensor::from_manifest(manifest))?;
     let mut refined = RefinerOutput::default();
     for frame in 0..FRAMES {
         instructions_mark("start".into(), parts);

@@ -26,7 +26,7 @@ pub(crate) fn measure(
     let (mut cells, mut rows) = (vec![1; cells_max], vec![1.0; cells_max * channels]);
     let mut detections = Vec::with_capacity(manifest.thresholds.boxes_max as usize);
     let scorer = ClusterScorer::of_model(weights);
-    let sensor = Sensor::from_manifest(manifest)?;
+    let sensor = Sensor::from_manifest(manifest);
     let mut refiner = Refiner::with_scorer(Settings::default(), &sensor, scorer)?;
     let mut refined = RefinerOutput::default();
     let last_sparse = manifest.network.sparse.last();

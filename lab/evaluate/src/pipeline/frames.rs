@@ -104,7 +104,7 @@ pub fn folder_tail(folder: &Path) -> String {
     parts[parts.len().saturating_sub(2)..].join("/")
 }
 
-/// A scan as the first stage hands it on: finite points, at most the contract's number of them, in file order.
+/// A scan as the first stage hands it on ([`mluc_ingest::decode_bin`]): finite points, at most the contract's number of them, in file order.
 pub fn scan_points(dataset: &Dataset, name: &str) -> Result<Vec<Point>, DatasetError> {
     Ok(finite_points(&dataset.scan(name)?))
 }
@@ -112,26 +112,4 @@ pub fn scan_points(dataset: &Dataset, name: &str) -> Result<Vec<Point>, DatasetE
 pub(crate) fn finite_points(scan: &[[f32; 4]]) -> Vec<Point> {
     let points = bytemuck::cast_slice(scan).iter().copied();
     points.filter(Point::is_finite).take(POINTS_MAX).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn points_are_those_that_the_first_stage_decodes() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let point = |i: usize| match i % 7 {
-            3 => [1.0, f32::NAN, 0.0, 0.0],
-            _ => [i as f32, -1.0, 0.5, 0.25],
-        };
-        let values = (0..POINTS_MAX * 3 / 2).flat_map(point);
-        let bytes: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
-        std::fs::write(folder.path().join("0.bin"), &bytes).expect("written");
-        let dataset = Dataset::open(folder.path()).expect("a scan");
-        let mut expected = vec![Point::default(); POINTS_MAX];
-        let report = mluc_ingest::decode_bin(&bytes, &mut expected);
-        assert!(report.dropped_not_finite > 0 && report.dropped_over_limit > 0);
-        assert_eq!(scan_points(&dataset, "0").expect("points"), expected);
-    }
 }

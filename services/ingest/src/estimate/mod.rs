@@ -39,6 +39,8 @@ const STAYING_SHARE: f32 = 0.85;
 const SCANS_MAX: usize = 64;
 /// A plane is the ground from this share of tiles on.
 const GROUND_SHARE_MIN: f32 = 0.18;
+/// So near the plane a return is of the ground, m.
+const ON_GROUND_M: f32 = 0.25;
 /// Below this share the ground is looked for along the other axes too; there it must have this share, and so many times the first.
 const LEVEL_SHARE_POOR: f32 = 0.35;
 const OTHER_AXIS_SHARE_MIN: f32 = 0.25;
@@ -152,6 +154,8 @@ pub struct Estimator {
     grounds: [Vec<f64>; 3],
     /// Of each scan: peaks of its elevations.
     peaks: Vec<f64>,
+    /// Scans by the axis that points up.
+    ups: [u32; 6],
     /// Of the scan at hand.
     scan_elevations: Elevations,
     scan_beams_deg: Vec<f32>,
@@ -172,6 +176,7 @@ impl Estimator {
             finder: LevelFinder::default(),
             grounds: std::array::from_fn(|_| Vec::with_capacity(SCANS_MAX)),
             peaks: Vec::with_capacity(SCANS_MAX),
+            ups: [0; 6],
             scan_elevations: Elevations::default(),
             scan_beams_deg: Vec::with_capacity(BEAMS_MAX),
             estimate: SensorEstimate {
@@ -189,6 +194,7 @@ impl Estimator {
         self.steps.clear();
         self.grounds.iter_mut().for_each(Vec::clear);
         self.peaks.clear();
+        self.ups = [0; 6];
         self.estimate.scans = 0;
     }
 
@@ -207,19 +213,25 @@ impl Estimator {
         self.content.add_scan(points, not_finite, SAMPLE);
         let scale = self.content.unit.in_m();
         let at = |p: &Point| [p.x_m * scale, p.y_m * scale, p.z_m * scale];
-        let ground = self.look_for_ground(points.iter().map(at));
-        let level = ground.filter(|_| self.estimate.up == Up::default());
+        let (up, ground) = self.look_for_ground(points.iter().map(at));
+        let level = ground.filter(|_| up == Up::default());
+        self.ups[up.0] += 1;
         self.scan_elevations.clear();
         for (number, point) in points.iter().enumerate() {
             let [x, y, z] = at(point);
             let distance = (x * x + y * y).sqrt();
             let range_m = (distance * distance + z * z).sqrt();
-            if range_m >= NEAR_M {
+            let is_sampled = number % SAMPLE == 0;
+            // Near returns may be of the robot; those of the ground are not.
+            let is_near = range_m < NEAR_M;
+            let above_m = || level.map_or(z, |l| l.plane.above_m([x, y, z]) as f32);
+            let on_m = if is_near { above_m() } else { 0.0 };
+            let is_ground = level.is_some() && range_m > 0.0 && on_m.abs() < ON_GROUND_M;
+            if !is_near || is_ground {
                 self.scan_elevations.add(z, distance);
             }
-            if number % SAMPLE == 0 && range_m > 0.0 {
-                let on = level.map_or(z, |l| l.plane.above_m([x, y, z]) as f32);
-                self.directions.add([x, y, z], range_m, on < 0.25);
+            if is_sampled && range_m > 0.0 {
+                self.directions.add([x, y, z], range_m, on_m < ON_GROUND_M);
             }
         }
         self.directions.end_scan();
@@ -227,16 +239,19 @@ impl Estimator {
         self.scan_elevations.find(&mut self.scan_beams_deg);
         if self.peaks.len() < SCANS_MAX {
             self.peaks.push(self.scan_beams_deg.len() as f64);
-            let own = ground.iter().flat_map(mounting).map(f64::from);
+            let own = level.iter().flat_map(mounting).map(f64::from);
             let pairs = self.grounds.iter_mut().zip(own);
             pairs.for_each(|(all, own)| all.push(own));
         }
-        self.look_along_beams(points, scale);
+        self.look_along_beams(points, scale, level.map_or(NEAR_M, |l| l.z_m().abs()));
         self.estimate.scans += 1;
     }
 
     /// Which way is up, and the plane of the ground, seen so.
-    fn look_for_ground(&mut self, points: impl Iterator<Item = [f32; 3]> + Clone) -> Option<Level> {
+    fn look_for_ground(
+        &mut self,
+        points: impl Iterator<Item = [f32; 3]> + Clone,
+    ) -> (Up, Option<Level>) {
         let along_z = self.finder.below(points.clone());
         let share = along_z.map_or(0.0, |level| level.share);
         let mut best = (Up::default(), along_z);
@@ -260,13 +275,14 @@ impl Estimator {
         let level = level.filter(|level| level.share >= GROUND_SHARE_MIN);
         let is_above = level.is_some_and(|level| level.z_m() > HEIGHT_M.start);
         // A ground above the sensor: the opposite axis points up.
-        self.estimate.up = Up(up.0 ^ usize::from(is_above));
-        level
+        (Up(up.0 ^ usize::from(is_above)), level)
     }
 
-    /// The step between columns, along a few beams that lie apart from others.
-    fn look_along_beams(&mut self, points: &[Point], scale: f32) {
-        let beams = &self.scan_beams_deg;
+    /// The step between columns, along a few beams that lie apart from others and meet the ground far enough below the sensor.
+    fn look_along_beams(&mut self, points: &[Point], scale: f32, height_m: f32) {
+        let lowest_deg = -(height_m / NEAR_M).min(1.0).asin().to_degrees();
+        let far = self.scan_beams_deg.partition_point(|deg| *deg > lowest_deg);
+        let beams = &self.scan_beams_deg[..far];
         let count = beams.len();
         for number in 1..3 {
             let Some(&beam_deg) = beams.get(count * number / 3) else {
@@ -288,6 +304,9 @@ impl Estimator {
     /// What the scans since [`Estimator::clear`] say.
     pub fn estimate(&mut self) -> &SensorEstimate {
         let estimate = &mut self.estimate;
+        // The upright one of equals.
+        let most = (0..self.ups.len()).rev().max_by_key(|up| self.ups[*up]);
+        estimate.up = Up(most.unwrap_or(0));
         let [height_m, others @ ..] = self.grounds.each_mut().map(|values| median(values));
         estimate.height_m = height_m;
         [estimate.pitch_deg, estimate.roll_deg] = others.map(Option::unwrap_or_default);

@@ -81,8 +81,9 @@ impl SensorEstimate {
     /// is for the caller.
     pub fn profile(&self, name: &str, range_noise_m: Option<f32>) -> SensorProfile {
         let [top, bottom] = self.vertical_field_deg;
-        let beams = self.beams.max(2);
-        let even = |beam: u32| top + (bottom - top) * beam as f32 / (beams - 1) as f32;
+        let beams = self.beams.max(1);
+        let gaps = (beams - 1).max(1) as f32;
+        let even = |beam: u32| top + (bottom - top) * beam as f32 / gaps;
         let elevations_deg = if self.are_beams_clear {
             self.elevations_deg.clone()
         } else {

@@ -23,7 +23,7 @@ pub(crate) fn run(
     open: Open,
 ) -> anyhow::Result<()> {
     let source = settings.source(open)?;
-    let source = source.ok_or_else(|| UsageError("ingest needs --input".to_string()))?;
+    let mut source = source.ok_or_else(|| UsageError("ingest needs --input".to_string()))?;
     if begin_or_join_run(shell, settings, model)?.is_none() {
         return Ok(shell.state(HealthState::Stopping, Health::ASKED_TO_END)?);
     }
@@ -31,6 +31,9 @@ pub(crate) fn run(
         None if !shell.describes_run() => next_sequence(shell)?,
         given => given.unwrap_or(0),
     };
+    if first > 0 {
+        source.go_on()?;
+    }
     let sensor = settings.sensor.load()?;
     // A process of somebody else counts its own scans, not those before.
     let counted = start_sequence.unwrap_or(0);

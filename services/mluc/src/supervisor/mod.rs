@@ -377,6 +377,7 @@ impl Supervisor {
             if !sink.take(left)? {
                 return Ok(false);
             }
+            self.scans.let_go();
         }
         Ok(true)
     }
@@ -455,8 +456,9 @@ impl Supervisor {
 
     fn start_sequence(&self) -> u64 {
         match self.settings.pace {
-            Pace::Complete => self.next_sequence,
-            Pace::Sensor => self.next_sequence.max(self.scans.count_sent()),
+            // The scan is sent again; a live sensor's is gone, and its next one is another.
+            Pace::Complete if self.source.is_some() => self.next_sequence,
+            _ => self.next_sequence.max(self.scans.count_sent()),
         }
     }
 

@@ -128,11 +128,15 @@ impl Supervisor {
     fn go_on_changing(&mut self, change: ModelChange) -> anyhow::Result<Option<String>> {
         for stage in Stage::ALL {
             let (own, name) = (&self.settings.stages[stage], stage.name());
-            let pid = self.health.of(stage).map_or(0, |health| health.pid);
-            let report = change.next.file.with_file_name(pid.to_string());
-            let said = std::fs::read_to_string(report).unwrap_or_default();
             // Backbone and head are nobody else's.
             let is_ours = !own.external && own.command.is_none();
+            // Not the report of a process that has died since.
+            let pid = match self.children[stage as usize].pid() {
+                pid if is_ours => pid,
+                _ => self.health.of(stage).map_or(0, |health| health.pid),
+            };
+            let report = change.next.file.with_file_name(pid.to_string());
+            let said = std::fs::read_to_string(report).unwrap_or_default();
             if said.is_empty() && (is_ours || [Stage::Backbone, Stage::Head].contains(&stage)) {
                 let is_early = change.begun.elapsed() < READY_MAX;
                 ensure!(is_early, "model: {name} is not ready after {READY_MAX:?}");

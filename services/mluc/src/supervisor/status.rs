@@ -323,13 +323,14 @@ impl Facts {
     }
 
     fn take_result(&mut self, header: &FrameHeader) {
-        let way_ns = latency_us(header).saturating_mul(1000);
-        self.longest_ns = self.longest_ns.max(way_ns);
         // A stamp of the future is no age.
-        let received_ns = header.stages[Stage::Ingest as usize].received_ns;
+        let (now_ns, received_ns) = (monotonic_ns(), header.stages[0].received_ns);
+        let way_ns = latency_us(header).saturating_mul(1000);
+        let way_ns = way_ns.min(now_ns.saturating_sub(received_ns));
+        self.longest_ns = self.longest_ns.max(way_ns);
         self.newest = Some(Newest {
             sequence: header.sequence,
-            arrived_ns: received_ns.min(monotonic_ns()),
+            arrived_ns: received_ns.min(now_ns),
             flags: Flags(header.flags),
             is_usable: header.is_usable(),
         });
@@ -383,7 +384,7 @@ impl Facts {
             return (Blind, "no direction has returns".to_string());
         }
         if !newest.is_usable {
-            let why = "fewer than 5 % of the points are finite and in the model's range";
+            let why = "5 % or fewer of the points are finite and in the model's range";
             return (Blind, why.to_string());
         }
         if age_ns > late_ns {

@@ -179,12 +179,6 @@ impl ClusterFinder {
         self.divider.pieces().len()
     }
 
-    /// Cells of 25 cm that were made.
-    #[cfg(test)]
-    pub(crate) fn cell_count(&self) -> usize {
-        self.cells.cells.len()
-    }
-
     /// Box, outline and measurements of a cluster, whose points are appended, ascending.
     pub(crate) fn shape(
         &mut self,

@@ -7,21 +7,41 @@ use crate::{SourceError, refused};
 /// Refuses files that have three, five or six numbers a point rather than four. `sizes`: of some files, bytes; `start`: of the first one.
 pub(crate) fn check_columns(sizes: &[u64], start: &[u8]) -> Result<(), SourceError> {
     let all = |columns: u64| sizes.iter().all(|size| size.is_multiple_of(4 * columns));
-    match [5, 6, 3].into_iter().find(|columns| all(*columns)) {
-        Some(columns) if !all(4) || (columns == 5 && has_rings(start)) => {
+    let is_other = |columns| match columns {
+        _ if !all(4) => true,
+        5 => has_rings(start),
+        _ => has_negative_intensities(start),
+    };
+    let mut columns = [5, 6, 3].into_iter();
+    match columns.find(|columns| all(*columns) && is_other(*columns)) {
+        Some(columns) => {
             let help = "say which with --columns x,y,z,intensity,..";
             let bytes = 4 * columns;
-            let found = format!("a multiple of {bytes} bytes: {columns} columns? {help}");
+            // What fits six numbers fits three.
+            let or_three = ["", " or 3"][usize::from(columns == 6)];
+            let found = format!("a multiple of {bytes} bytes: {columns}{or_three} columns? {help}");
             refused("size", "16 bytes a point (x, y, z, intensity)", found)
         }
-        _ => Ok(()),
+        None => Ok(()),
     }
+}
+
+/// Whether the last of four numbers is negative in more than a hundredth: then it is a coordinate.
+fn has_negative_intensities(start: &[u8]) -> bool {
+    let numbers = numbers(start);
+    let points = numbers.as_chunks::<4>().0;
+    let negative = points.iter().filter(|point| point[3] < 0.0);
+    negative.count() * 100 > points.len()
+}
+
+fn numbers(bytes: &[u8]) -> Vec<f32> {
+    let numbers = bytes.as_chunks::<4>().0.iter();
+    numbers.map(|v| f32::from_le_bytes(*v)).collect()
 }
 
 /// Whether 100 points or more of five numbers end with a ring each. Where four columns have whole numbers there, as of missing returns, the first number is one too.
 fn has_rings(start: &[u8]) -> bool {
-    let numbers = start.as_chunks::<4>().0.iter();
-    let numbers: Vec<f32> = numbers.map(|v| f32::from_le_bytes(*v)).collect();
+    let numbers = numbers(start);
     let points = numbers.as_chunks::<5>().0;
     let is_ring = |v: f32| v.fract() == 0.0 && (0.0..=255.0).contains(&v);
     points.len() >= 100

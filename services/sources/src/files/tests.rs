@@ -128,18 +128,6 @@ fn the_same_points_come_from_every_format() {
 }
 
 #[test]
-fn units_and_axes_are_turned() {
-    let layout = Layout {
-        scale: 0.001,
-        axes: "y,-x,z".to_string(),
-        ..Layout::default()
-    };
-    let file = bytes(&[[1000.0, 2000.0, 3000.0, 0.5]]);
-    let (out, _) = converted(Bin, &layout, file).unwrap();
-    assert_eq!(out, bytes(&[[2.0, -1.0, 3.0, 0.5]]));
-}
-
-#[test]
 fn a_cut_file_gives_its_whole_points_and_says_so() {
     let cut = |mut file: Vec<u8>| {
         file.truncate(file.len() - 5);
@@ -198,6 +186,10 @@ fn files_that_do_not_fit_are_named() {
     let starts = [bytes(&five), bytes(&POINTS.repeat(100)), bytes(&none)];
     let are_fine = starts.map(|start| check_columns(&[4000], &start).is_ok());
     assert_eq!(are_fine, [false, true, true]);
+    // And those that fit four and three.
+    let three = bytes(&[[8.0, -1.5, -0.5], [9.0, 1.0, -0.5]].repeat(200));
+    let are_fine = [three, bytes(&none)].map(|start| check_columns(&[4800], &start).is_ok());
+    assert_eq!(are_fine, [false, true]);
     let changed = |from: &str, to: &str| {
         let text = String::from_utf8(pcd("ascii", b"")).unwrap();
         (Pcd, text.replace(from, to).into_bytes())

@@ -4,13 +4,16 @@ mod noise;
 mod picture;
 
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use mluc_dataset::{Dataset, read_scan};
 use mluc_evaluate::render;
 use mluc_ingest::estimate::{Estimator, SensorEstimate};
+use mluc_ingest::{POINT_BYTES, bin_points};
+use mluc_ipc_types::Point;
 use mluc_model::SensorProfile;
+use mluc_sources::{LayoutArgs, Next, Scan, Source};
 use serde_json::json;
 
 use super::terminal::{print_out, write_out};
@@ -21,7 +24,7 @@ use super::terminal::{print_out, write_out};
 /// --sensor without --input shows that sensor: its beams, and how many of them hit a car.
 #[derive(Args)]
 pub(crate) struct SensorArguments {
-    /// A scan (.bin), or a folder of scans or with velodyne/.
+    /// Scans, as `mluc up` takes them: files, a capture, a recording, a live sensor's packets.
     #[arg(long, required_unless_present = "sensor")]
     input: Option<PathBuf>,
     /// Scans to look at, spread over the input.
@@ -36,10 +39,14 @@ pub(crate) struct SensorArguments {
     /// Picture to write, PNG: the histogram of elevations beside the other sensor's beams; without --input the beams with cars before them.
     #[arg(long)]
     picture: Option<PathBuf>,
+    #[command(flatten)]
+    layout: LayoutArgs,
 }
 
 /// Scans whose noise is estimated.
 const NOISE_SCANS: usize = 5;
+/// A live sensor is waited for so long.
+const PATIENCE: Duration = Duration::from_secs(5);
 
 pub(crate) fn run(arguments: SensorArguments) -> Result<()> {
     match (&arguments.input, &arguments.sensor) {
@@ -67,23 +74,38 @@ fn show(profile: &SensorProfile, picture: Option<&Path>) -> Result<()> {
 }
 
 fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
-    let files = scan_files(input)?;
-    let wanted = files.len().min(arguments.scans as usize);
+    let mut source = Source::open(input, &arguments.layout.layout()?, false)?;
+    let wanted = u64::from(arguments.scans);
+    let all = source.count().map_or(wanted, |all| all.max(1));
+    let wanted = wanted.min(all);
     let mut estimator = Estimator::new();
-    let mut scans = Vec::new();
+    let (mut scans, mut scan) = (Vec::new(), Scan::default());
     for number in 0..wanted {
-        let mut points = read_scan(&files[number * files.len() / wanted])?;
-        let all = points.len();
-        points.retain(|point| point.iter().all(|value| value.is_finite()));
-        let not_finite = (all - points.len()) as u32;
-        estimator.look(bytemuck::cast_slice(&points), not_finite);
+        let heard = Instant::now();
+        let mut next = Next::NotYet;
+        while next == Next::NotYet && heard.elapsed() < PATIENCE {
+            next = source.load(number * all / wanted, &mut scan)?;
+        }
+        if next != Next::Scan {
+            break;
+        }
+        let (name, is_read) = (&scan.name, !scan.bytes.is_empty());
+        ensure!(
+            is_read,
+            "{}: scan {name} is empty or cannot be read",
+            input.display()
+        );
+        let points = bin_points(&scan.bytes).filter(Point::is_finite);
+        let points: Vec<Point> = points.collect();
+        let not_finite = scan.bytes.len() / POINT_BYTES - points.len();
+        estimator.look(&points, not_finite as u32);
         if scans.len() < NOISE_SCANS {
             scans.push(points);
         }
     }
     let found = estimator.estimate().clone();
-    let path = input.display();
-    ensure!(found.beams > 0, "{path}: no beams found in {wanted} scans");
+    let (path, seen) = (input.display(), found.scans);
+    ensure!(found.beams > 0, "{path}: no beams found in {seen} scans");
     let noise_m = noise::range_noise_m(&scans, &found);
     let (name, other) = other_sensor(arguments.sensor.as_deref(), &found)?;
     print(&found, noise_m, &name, &other)?;
@@ -118,16 +140,6 @@ fn other_sensor(given: Option<&str>, found: &SensorEstimate) -> Result<(String, 
         Some(near) => (near.names.join(" or "), near.profile),
         None => ("even beams".into(), found.profile("even beams", None)),
     })
-}
-
-/// The scans of an input, sorted.
-fn scan_files(input: &Path) -> Result<Vec<PathBuf>> {
-    if input.is_file() {
-        return Ok(vec![input.to_path_buf()]);
-    }
-    let folder = Dataset::open(input)?;
-    let files = folder.names().iter().map(|name| folder.scan_path(name));
-    Ok(files.collect())
 }
 
 fn print(
@@ -166,7 +178,8 @@ mod tests {
             let is_robot = (80.0..100.0).contains(&azimuth_deg) && (0.0..4.0).contains(&deg);
             let distance = match tan {
                 _ if is_robot => 1.0,
-                ..-0.05 => 1.0 / -tan,
+                // The lowest beams end nearer than where a robot's own body is looked for.
+                ..-0.02 => 0.4 / -tan,
                 _ => 20.0,
             };
             // Of 3 cm, evenly spread.
@@ -188,6 +201,7 @@ mod tests {
             sensor: None,
             out: Some(out.clone()),
             picture: Some(picture.clone()),
+            layout: LayoutArgs::default(),
         };
         run(arguments).expect("an estimate");
         let profile = SensorProfile::load(&out.to_string_lossy()).expect("a profile");
@@ -196,7 +210,7 @@ mod tests {
         let noise_m = profile.range_noise_m;
         assert!((noise_m - 0.03).abs() < 0.005, "{noise_m}");
         let height_m = profile.height_m.expect("a ground");
-        assert!((height_m - 1.0).abs() < 0.1, "{height_m}");
+        assert!((height_m - 0.4).abs() < 0.05, "{height_m}");
         let own_body = BlindSector {
             azimuth_deg: [90.0, 20.0],
             below_deg: 5.0,
@@ -214,6 +228,7 @@ mod tests {
             assert!(page.contains(&format!("({name}.png)")), "{name}");
             assert!(docs.join(format!("{name}.png")).is_file(), "{name}");
             let profile = SensorProfile::load(name).expect(name);
+            assert!(!profile.source.is_empty(), "{name}");
             // The farther car never has more rings than the nearer one, where beams are even.
             let rings = picture::rings_on_cars(&profile);
             assert!(rings[0] >= rings[4], "{name}: {rings:?}");

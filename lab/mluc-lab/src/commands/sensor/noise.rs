@@ -1,6 +1,7 @@
 //! How far a sensor's ranges stray: what is left of a beam's neighbouring returns when a parabola is laid through them.
 
 use mluc_ingest::estimate::SensorEstimate;
+use mluc_ipc_types::Point;
 use nalgebra::{SMatrix, SVector};
 
 /// Neighbouring returns of one beam that one surface is laid through.
@@ -20,10 +21,11 @@ const WINDOWS_MIN: usize = 300;
 type Return = [f32; 3];
 
 /// Standard deviation of a range, m. Returns of one beam follow each other in the scan, or are sorted where its beams are clear; `None` where too few do.
-pub(super) fn range_noise_m(scans: &[Vec<[f32; 4]>], found: &SensorEstimate) -> Option<f32> {
+pub(super) fn range_noise_m(scans: &[Vec<Point>], found: &SensorEstimate) -> Option<f32> {
     let mut left_m: Vec<f64> = Vec::new();
     for points in scans {
-        let returns = points.iter().map(|&[x, y, z, _]| {
+        let returns = points.iter().map(|point| {
+            let [x, y, z] = [point.x_m, point.y_m, point.z_m];
             let range_m = x.hypot(y).hypot(z);
             let [azimuth, elevation] = [y.atan2(x), (z / range_m).asin()].map(f32::to_degrees);
             [azimuth, elevation, range_m]

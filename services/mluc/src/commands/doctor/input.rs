@@ -133,7 +133,7 @@ fn about_mounting(found: &SensorEstimate) -> String {
             "sensor {height_m:.2} m above the ground, pitch {:.1} and roll {:.1} degrees; near returns that stay in {} degrees around",
             found.pitch_deg, found.roll_deg, found.own_body_deg
         ),
-        None => "no ground found".to_string(),
+        None => "no ground found with z up".to_string(),
     }
 }
 

@@ -1,0 +1,66 @@
+//! How an input is read, on a command line.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use crate::files::Layout;
+use crate::shard::shard;
+
+/// Under what the options of the input stand in the help.
+pub const INPUT: &str = "Input";
+
+/// How to read files of points, where they are not as KITTI's.
+#[derive(Args, Clone, Debug, Default, Serialize)]
+#[command(next_help_heading = INPUT)]
+pub struct LayoutArgs {
+    /// Columns of a .bin or .npy file, `x,y,z,intensity,ring` for instance; others than x, y, z and intensity are left out [default: these four].
+    #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    columns: Vec<String>,
+    /// Where the sensor is in the coordinates of the files, which may be those of a map [default: 0,0,0].
+    #[arg(long, value_name = "X,Y,Z", value_parser = origin)]
+    #[arg(allow_hyphen_values = true)]
+    origin: Option<[f64; 3]>,
+    /// Metres a unit of the coordinates, 0.001 for mm [default: 1].
+    #[arg(long)]
+    scale: Option<f64>,
+    /// What intensity is multiplied by, so that it is 0 to 1 [default: 1].
+    #[arg(long)]
+    intensity_scale: Option<f64>,
+    /// Which of the file's axes point forward, to the left and up, `y,-x,z` for instance [default: x,y,z].
+    #[arg(long, allow_hyphen_values = true)]
+    axes: Option<String>,
+    /// Calibration of the sensor's unit, for captures and live sensors: Velodyne's YAML, Hesai's CSV, Ouster's JSON [default: the product's].
+    #[arg(long)]
+    calibration: Option<PathBuf>,
+    /// Topic of the scans in a recording [default: the only one that has some].
+    #[arg(long)]
+    topic: Option<String>,
+    /// Correct points for the sensor's motion within a turn, by their times: to where they are at the scan's stamp. Poses come from poses.txt beside the scans, from
+    /// a recording's odometry or transforms, or from ROS 2.
+    #[arg(long)]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    deskew: bool,
+    /// Topic of these poses [default: a recording's /tf or only one, /odom of ROS 2].
+    #[arg(long)]
+    odometry: Option<String>,
+    /// Part I (0 to N-1) of N alone, for job arrays: every Nth scan of files or a recording.
+    #[arg(long, value_name = "I/N", value_parser = shard)]
+    shard: Option<[u32; 2]>,
+}
+
+impl LayoutArgs {
+    /// With defaults where nothing was given.
+    pub fn layout(&self) -> anyhow::Result<Layout> {
+        Ok(toml::Table::try_from(self)?.try_into()?)
+    }
+}
+
+fn origin(text: &str) -> Result<[f64; 3], String> {
+    let numbers = text.split(',').map(|word| word.trim().parse().ok());
+    let numbers: Option<Vec<f64>> = numbers.collect();
+    let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
+    numbers.ok_or_else(|| format!("expected three numbers, as in 1.5,-2,0, found '{text}'"))
+}
