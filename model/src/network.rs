@@ -246,14 +246,6 @@ impl Network {
         }
         heads
     }
-    /// Cell edge (x, y) on the bird's-eye map, m.
-    pub fn cell_size_m(&self) -> [f32; 2] {
-        let [rows, columns] = self.map_shape();
-        [
-            (self.grid.range_max_m[0] - self.grid.range_min_m[0]) / columns as f32,
-            (self.grid.range_max_m[1] - self.grid.range_min_m[1]) / rows as f32,
-        ]
-    }
 }
 
 /// Name and output channels of every layer that has a range, in the order of computation.

@@ -50,13 +50,14 @@ impl<'a> FrameFeatures<'a> {
         for (row, cell) in cells.iter().enumerate() {
             row_of[*cell as usize] = row as u32;
         }
-        let low = network.grid.range_min_m;
+        let (low, high) = (network.grid.range_min_m, network.grid.range_max_m);
+        let edge_m = |axis: usize, cells: usize| (high[axis] - low[axis]) / cells as f32;
         FrameFeatures {
             row_of,
             rows,
             channels: network.feature_channels(),
             origin_m: [low[0], low[1]],
-            cell_m: network.cell_size_m(),
+            cell_m: [edge_m(0, shape[1]), edge_m(1, shape[0])],
             shape,
             sensor_height_m: manifest.sensor_height_m,
         }

@@ -73,6 +73,12 @@ impl Patience {
     }
 }
 
+/// What was joined anew; `None`, which is logged: it is tried again later.
+pub(crate) fn anew<T>(joined: anyhow::Result<T>) -> Option<T> {
+    let warn = |error: &anyhow::Error| tracing::warn!("cannot join anew: {error:#}");
+    joined.inspect_err(warn).ok()
+}
+
 /// A topic by its names in ROS, `/points` and `sensor_msgs/msg/PointCloud2` for instance.
 pub(crate) fn topic(
     participant: &DomainParticipant,

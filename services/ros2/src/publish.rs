@@ -6,10 +6,10 @@ use mluc_gateway::ros2::topics;
 use mluc_runtime::Instance;
 use mluc_view::Follower;
 use rustdds::no_key::DataWriter;
-use rustdds::{DataWriterStatus, DomainParticipant, DomainParticipantStatusEvent, LostReason};
-use rustdds::{Duration, QosPolicyBuilder, StatusEvented};
+use rustdds::{DataWriterStatus, DomainParticipant, DomainParticipantStatusEvent as Event};
+use rustdds::{Duration, LostReason, QosPolicyBuilder, StatusEvented};
 
-use crate::dds::{Encoded, Patience, join, keep, topic};
+use crate::dds::{Encoded, Patience, anew, join, keep, topic};
 
 /// Clouds and other messages that are kept after they were sent. No fewer clouds than may wait: the oldest, which is on its way, would be replaced.
 const DEPTH: [i32; 2] = [10, 5];
@@ -49,9 +49,7 @@ impl Writers {
         let listener = self.participant.status_listener();
         let events = std::iter::from_fn(|| listener.try_recv_status());
         let lost = events.filter(|event| match event {
-            DomainParticipantStatusEvent::ParticipantLost { reason, .. } => {
-                matches!(reason, LostReason::Timeout { .. })
-            }
+            Event::ParticipantLost { reason, .. } => matches!(reason, LostReason::Timeout { .. }),
             _ => false,
         });
         lost.count() > 0
@@ -72,20 +70,22 @@ impl Writers {
 
 pub(crate) fn publish(instance: Option<Instance>) -> anyhow::Result<()> {
     let mut follower = Follower::open(instance)?;
-    let (mut topics, mut patience) = (Writers::join()?, Patience::default());
-    let domain = topics.participant.domain_id();
+    let (first, mut patience) = (Writers::join()?, Patience::default());
+    let domain = first.participant.domain_id();
+    let mut topics = Some(first);
     tracing::info!(domain, "publishing; Ctrl-C ends it");
     let mut dropped = 0;
     while let Some(moment) = follower.next(|| true)? {
-        let have_lost = topics.have_lost();
-        if patience.is_over(topics.are_heard()) || have_lost {
-            match Writers::join() {
-                Ok(joined) => topics = joined,
-                Err(error) => tracing::warn!("cannot join anew: {error:#}"),
-            }
+        let have_lost = topics.as_ref().is_some_and(Writers::have_lost);
+        let are_heard = topics.as_mut().is_some_and(Writers::are_heard);
+        if patience.is_over(are_heard) || have_lost {
+            // First the old one: others may know its ports alone.
+            drop(topics.take());
+            topics = anew(Writers::join());
         }
+        let writers = topics.iter().flat_map(|topics| &topics.writers);
         // The channels are in the order of the topics; the line has none.
-        for ((writer, _), message) in topics.writers.iter().zip(moment.messages) {
+        for ((writer, _), message) in writers.zip(moment.messages) {
             let Some(message) = message else { continue };
             if let Err(error) = writer.write(message.into(), None) {
                 dropped += 1;

@@ -13,7 +13,7 @@ use mluc_sources::{LiveScans, Next, ODOMETRY, Odometry, Scan, Source, TF, TRANSF
 use rustdds::{DomainParticipant, GUID, QosPolicyBuilder};
 use rustdds::{no_key::SimpleDataReader, policy::Durability};
 
-use crate::dds::{Encoded, Patience, join, keep, topic};
+use crate::dds::{Encoded, Patience, anew, join, keep, topic};
 
 /// Clouds that wait: the newest, and the one that arrives.
 const CLOUDS_MAX: i32 = 2;
@@ -41,7 +41,8 @@ type Reader = SimpleDataReader<Vec<u8>, Encoded>;
 struct Clouds {
     name: String,
     layout: Layout,
-    topics: Topics,
+    /// None after they could not be joined anew.
+    topics: Option<Topics>,
     /// What the scans are corrected by.
     odometry: Odometry,
     heard: Instant,
@@ -110,7 +111,7 @@ impl Clouds {
         Ok(Clouds {
             name: name.to_string(),
             layout: layout.clone(),
-            topics,
+            topics: Some(topics),
             odometry: Odometry::new(layout)?,
             heard: Instant::now(),
             patience: Patience::default(),
@@ -122,9 +123,10 @@ impl Clouds {
     /// Takes all that is there; the newest stays. `None`: there was nothing.
     fn newest(&mut self) -> Option<Vec<u8>> {
         let mut newest = None;
-        self.topics.clouds.drain_read_notifications();
+        let clouds = &mut self.topics.as_mut()?.clouds;
+        clouds.drain_read_notifications();
         loop {
-            match self.topics.clouds.try_take_one() {
+            match clouds.try_take_one() {
                 Ok(None) => return newest,
                 Ok(Some(message)) => {
                     let (writer, sequence) =
@@ -149,18 +151,20 @@ impl LiveScans for Clouds {
         let begun = Instant::now();
         loop {
             let waker = Waker::from(Arc::new(Unpark(current())));
-            self.topics.clouds.set_waker(Some(waker));
+            if let Some(topics) = &mut self.topics {
+                topics.clouds.set_waker(Some(waker));
+            }
             let newest = self.newest();
             if self.patience.is_over(newest.is_some()) {
-                match Topics::join(&self.name, &self.layout) {
-                    Ok(topics) => self.topics = topics,
-                    Err(error) => tracing::warn!("cannot join anew: {error:#}"),
-                }
+                // First the old ones: others may know the ports alone.
+                self.topics = None;
+                self.topics = anew(Topics::join(&self.name, &self.layout));
             }
             if let Some(message) = newest {
                 self.heard = Instant::now();
                 let frame = scan.take_point_cloud2(&self.layout, &message, wall_clock_ns());
-                for (reader, schema, is_fixed) in &mut self.topics.poses {
+                let poses = self.topics.iter_mut().flat_map(|topics| &mut topics.poses);
+                for (reader, schema, is_fixed) in poses {
                     reader.drain_read_notifications();
                     while let Ok(Some(message)) = reader.try_take_one() {
                         self.odometry.take(schema, *is_fixed, &message.into_value());
