@@ -20,7 +20,7 @@ pub const CLASS_NAME_MAX: usize = 32;
 const CLASSES_MIN: usize = 2;
 /// Boxes after suppression; the contract's limit of a detections message.
 pub const BOXES_MAX: u32 = 512;
-/// Voxels of a frame, which bound the sites of every sparse layer ([`NUMBERS_MAX`]).
+/// Voxels of a frame, which bound the sites of every sparse layer and so its memory.
 pub const VOXELS_MAX: u32 = 131_072;
 /// Candidates before suppression, whose cost grows with the square.
 const CANDIDATES_MAX: u32 = 16_384;
