@@ -180,7 +180,10 @@ impl Tracker {
         }
         match last {
             // Of a refiner before this one, numbers are others: a frame begins no more than so many tracks.
-            None => self.next_id = (sequence * TRACKS_MAX as u64 % u64::from(Object::NONE)) as u32,
+            None => {
+                let first = sequence.wrapping_mul(TRACKS_MAX as u64);
+                self.next_id = (first % u64::from(Object::NONE)) as u32;
+            }
             Some([.., before]) => self.frame += u64::from(sequence != before),
         }
         let window = u64::from(self.settings.window);

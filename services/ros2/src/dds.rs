@@ -32,7 +32,6 @@ pub(crate) fn join() -> anyhow::Result<DomainParticipant> {
 /// When to join anew: rustdds 0.14 loses what a participant has announced where another one comes in the same moment, and does not take one back that was
 /// gone for longer than its lease.
 pub(crate) struct Patience {
-    asked: Instant,
     heard: Instant,
     joined: Instant,
     limit: Duration,
@@ -40,13 +39,10 @@ pub(crate) struct Patience {
 
 /// The first silence, and the longest, before it is joined anew.
 const PATIENCE: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(60)];
-/// A process that stood still for so long is gone to the others (leases of 10 s, renewed all 8 s).
-const STILL: Duration = Duration::from_secs(8);
 
 impl Default for Patience {
     fn default() -> Patience {
         Patience {
-            asked: Instant::now(),
             heard: Instant::now(),
             joined: Instant::now(),
             limit: PATIENCE[0],
@@ -55,16 +51,14 @@ impl Default for Patience {
 }
 
 impl Patience {
-    /// Whether nobody was heard for so long, and for twice as long as between the last two times; each time twice as long. And where it was not asked for long.
+    /// Whether nobody was heard for so long, and for twice as long as between the last two times; each time twice as long.
     pub(crate) fn is_over(&mut self, is_heard: bool) -> bool {
         let [shortest, longest] = PATIENCE;
         if is_heard {
             self.limit = (2 * self.heard.elapsed()).clamp(shortest, longest);
             self.heard = Instant::now();
         }
-        let was_still = std::mem::replace(&mut self.asked, Instant::now()).elapsed() > STILL;
-        let is_silent = self.heard.max(self.joined).elapsed() > self.limit;
-        let is_over = is_silent || was_still;
+        let is_over = self.heard.max(self.joined).elapsed() > self.limit;
         if is_over {
             self.limit = (2 * self.limit).min(longest);
             self.joined = Instant::now();

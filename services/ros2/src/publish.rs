@@ -1,5 +1,7 @@
 //! `mluc publish`: what `mluc record` writes, as live topics. Nothing in the pipeline waits for it, and it waits for no subscriber.
 
+use std::time::Instant;
+
 use anyhow::Context;
 use bytes::Bytes;
 use mluc_gateway::ros2::topics;
@@ -15,6 +17,9 @@ use crate::dds::{Encoded, Patience, anew, join, keep, topic};
 const DEPTH: [i32; 2] = [10, 5];
 /// And those that may wait for subscribers; then the next ones are dropped. 1 s and 100 s at 10 Hz: a subscriber that is gone is forgotten within 20 s.
 const BEHIND_MAX: [i32; 2] = [10, 1000];
+
+/// A process that stood still for so long is gone to the others (leases of 10 s, renewed all 8 s).
+const STILL: std::time::Duration = std::time::Duration::from_secs(8);
 
 struct Writers {
     /// One a topic, and how many subscribers it has.
@@ -72,13 +77,14 @@ pub(crate) fn publish(instance: Option<Instance>) -> anyhow::Result<()> {
     let mut follower = Follower::open(instance)?;
     let (first, mut patience) = (Writers::join()?, Patience::default());
     let domain = first.participant.domain_id();
-    let mut topics = Some(first);
+    let (mut topics, mut asked) = (Some(first), Instant::now());
     tracing::info!(domain, "publishing; Ctrl-C ends it");
     let mut dropped = 0;
     while let Some(moment) = follower.next(|| true)? {
         let have_lost = topics.as_ref().is_some_and(Writers::have_lost);
         let are_heard = topics.as_mut().is_some_and(Writers::are_heard);
-        if patience.is_over(are_heard) || have_lost {
+        let was_still = std::mem::replace(&mut asked, Instant::now()).elapsed() > STILL;
+        if patience.is_over(are_heard) || have_lost || was_still {
             // First the old one: others may know its ports alone.
             drop(topics.take());
             topics = anew(Writers::join());

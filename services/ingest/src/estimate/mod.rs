@@ -221,7 +221,6 @@ impl Estimator {
             let [x, y, z] = at(point);
             let distance = (x * x + y * y).sqrt();
             let range_m = (distance * distance + z * z).sqrt();
-            let is_sampled = number % SAMPLE == 0;
             // Near returns may be of the robot; those of the ground are not.
             let is_near = range_m < NEAR_M;
             let above_m = || level.map_or(z, |l| l.plane.above_m([x, y, z]) as f32);
@@ -230,7 +229,7 @@ impl Estimator {
             if !is_near || is_ground {
                 self.scan_elevations.add(z, distance);
             }
-            if is_sampled && range_m > 0.0 {
+            if number % SAMPLE == 0 && range_m > 0.0 {
                 self.directions.add([x, y, z], range_m, on_m < ON_GROUND_M);
             }
         }
