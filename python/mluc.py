@@ -350,7 +350,7 @@ class Stage(Member):
         self.times, self.beats = deque([0], 1000), 0
         self.health = Health(wire_version=WIRE_VERSION, stage=number, pid=os.getpid())
         self.end_on_signals()
-        self.say(WAITING_INPUT, "waiting for a run")
+        self.say(STARTING)  # until the program waits: it may load something first
 
     def join(self):
         """As the only one in its place."""
@@ -498,7 +498,8 @@ class Refiner(Stage):
 
     def begin(self):
         self.classes = self.run.classes_count
-        self.say(WAITING_INPUT, "waiting for detections")
+        if self.state[0] != STARTING:
+            self.say(WAITING_INPUT, "waiting for detections")
 
     def refuse(self, reason):
         self.health.messages_refused += 1
@@ -508,6 +509,7 @@ class Refiner(Stage):
     def frames(self):
         """Frame after frame, always the newest, until this process is asked to end."""
         heard_ns = time.monotonic_ns()
+        self.say(WAITING_INPUT, "waiting for detections")
         while not self.is_stopping:
             try:
                 self.listener.timed_wait(iox.Duration.from_millis(50))

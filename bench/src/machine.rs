@@ -4,6 +4,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use std::{fs::read_to_string, path::Path, process::Command};
 
 use mluc::placement::usable_cpus;
+use mluc_geometry::{FNV_OFFSET, fnv1a};
 use procfs::{CpuInfo, Current, LoadAverage, Meminfo, process::Process};
 use serde_json::{Value, json};
 
@@ -48,7 +49,7 @@ pub(crate) fn describe_build(program: &Path) -> Value {
         "commit": commit(program),
         "compiler": compiler(&bytes),
         "is_optimised": !cfg!(debug_assertions),
-        "binary": format!("{:016x}", fingerprint(&bytes)),
+        "binary": format!("{:016x}", fnv1a(FNV_OFFSET, &bytes)),
     })
 }
 
@@ -99,15 +100,6 @@ fn commit(program: &Path) -> Option<String> {
     let is_built = |name: &str| modified(&root.join(name)).is_ok_and(|changed| changed <= built);
     let is_dirty = changed.lines().any(is_built);
     Some(format!("{commit}{}", if is_dirty { "-dirty" } else { "" }))
-}
-
-/// FNV-1a over words of 8 bytes.
-fn fingerprint(bytes: &[u8]) -> u64 {
-    bytes.chunks(8).fold(0xcbf2_9ce4_8422_2325, |hash, chunk| {
-        let mut word = [0; 8];
-        word[..chunk.len()].copy_from_slice(chunk);
-        (hash ^ u64::from_le_bytes(word)).wrapping_mul(0x0100_0000_01b3)
-    })
 }
 
 fn text_of(path: &str) -> Option<String> {

@@ -274,7 +274,8 @@ uint32_t mluc_wire_version(void);
 /* Words of this thread's last error; valid until its next one. Never null. */
 const char *mluc_last_error(void);
 
-/* Joins the instance that MLUC_INSTANCE names ("default" without it) as its refiner, says so, and logs to stderr. */
+/* Joins the instance that MLUC_INSTANCE names ("default" without it) as its refiner, says so, and logs to stderr. Frames
+ * come from its first wait on: what takes long, a network for instance, is loaded before that. */
 int32_t mluc_refiner_open(mluc_refiner **refiner);
 
 /* Waits for the newest frame, at most timeout_ms. Heartbeats go out meanwhile: call it again and again. Frames that break

@@ -40,7 +40,6 @@ impl Refiner {
         let object_points = shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?;
         let scans = Scans::open(&shell, true)?;
         let frames = Frames::new(&shell, &Topic::DETECTIONS, Some(scans))?;
-        shell.state(HealthState::WaitingInput, "waiting for detections")?;
         Ok(Refiner {
             frame: None,
             frames,
@@ -54,6 +53,11 @@ impl Refiner {
     pub(crate) fn wait(&mut self, timeout: Duration) -> Result<Code, Failure> {
         self.frame = None;
         self.shell.note_frame(None);
+        // Before its first wait a program may load something for longer than a stage may be silent.
+        if self.shell.health.state == HealthState::Starting as u32 {
+            let reason = "waiting for detections";
+            self.shell.state(HealthState::WaitingInput, reason)?;
+        }
         let begun_ns = monotonic_ns();
         loop {
             let spent = Duration::from_nanos(monotonic_ns() - begun_ns);

@@ -1,4 +1,5 @@
-//! Files that a user names: scans, captures, recordings, models, checkpoints, sensors, labels, objects; and what a page asks for. The first byte chooses.
+//! Files that a user names: scans, captures, recordings, models, checkpoints, sensors, labels, objects; and what a page asks for. The first byte chooses, and
+//! whether points are moved by the sensor's motion.
 #![no_main]
 
 use mluc_dataset::{read_calibration, read_labels};
@@ -13,8 +14,12 @@ const KINDS: &str =
     "bin pcd.bin npy pcd ply pcap pcapng mcap model sensor labels calib lines checkpoint socket las";
 
 /// All points of the first scans.
-fn read_scans(path: &str) -> anyhow::Result<()> {
-    let mut source = Source::open(path.as_ref(), &Layout::default(), false)?;
+fn read_scans(path: &str, deskew: bool) -> anyhow::Result<()> {
+    let layout = Layout {
+        deskew,
+        ..Layout::default()
+    };
+    let mut source = Source::open(path.as_ref(), &layout, false)?;
     let mut scan = Scan::default();
     for sequence in 0..4 {
         if source.load(sequence, &mut scan)? != Next::Scan {
@@ -31,7 +36,7 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let Some((&choice, bytes)) = data.split_first() else {
         return;
     };
-    let kind = KINDS.split(' ').nth(choice.into()).unwrap_or("bin");
+    let kind = KINDS.split(' ').nth((choice % 128).into()).unwrap_or("bin");
     let path = format!("/dev/shm/mluc-fuzz-{}.{kind}", std::process::id());
     std::fs::write(&path, bytes).expect("room in shared memory");
     let (file, text) = (path.as_ref(), String::from_utf8_lossy(bytes));
@@ -44,7 +49,7 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
         "lines" => read_json_lines(file).is_ok(),
         "checkpoint" => read_tensors(bytes).is_ok(),
         "socket" => mluc_view::subscribe(&text, &mut Default::default()).is_ok(),
-        _ => read_scans(&path).is_ok(),
+        _ => read_scans(&path, choice >= 128).is_ok(),
     };
     std::fs::remove_file(&path).expect("it is ours");
 });

@@ -1,32 +1,27 @@
 //! Messages of shared memory, to those who read them. The first byte chooses; a header comes first.
 #![no_main]
 
-use bytemuck::Pod;
+use bytemuck::pod_collect_to_vec as elements;
 use mluc_gateway::lines::line;
 use mluc_ipc_types::*;
-
-fn elements<T: Pod>(bytes: &[u8]) -> Vec<T> {
-    let chunks = bytes.chunks_exact(size_of::<T>());
-    chunks.map(bytemuck::pod_read_unaligned).collect()
-}
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let (choice, data) = data.split_at(data.len().min(1));
     let (head, body) = data.split_at(data.len().min(size_of::<FrameHeader>()));
-    let mut header = elements::<FrameHeader>(head).pop().unwrap_or_default();
+    let mut header = elements::<_, FrameHeader>(head).pop().unwrap_or_default();
     header.wire_version = WIRE_VERSION;
     match choice.first().map_or(0, |choice| choice % 6) {
         0 => drop(FeatureRows::checked(&header, &elements(body), 400, 32, 3)),
         1 => {
-            for run in elements::<RunDescription>(body) {
+            for run in elements::<_, RunDescription>(body) {
                 let _ = run.checked().map(|run| header.checked_in(run, 0..9));
             }
         }
-        2 => drop(Detection::checked(&header, &elements::<Detection>(body), 2)),
-        3 => elements::<Health>(body)
+        2 => drop(Detection::checked(&header, &elements(body), 2)),
+        3 => elements::<_, Health>(body)
             .iter()
             .for_each(|health| drop(health.checked())),
-        4 => elements::<Status>(body)
+        4 => elements::<_, Status>(body)
             .iter()
             .for_each(|status| drop(status.checked())),
         // What passes the check can be written.

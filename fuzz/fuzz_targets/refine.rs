@@ -1,14 +1,9 @@
 //! Detections and points, to the refiner: what it makes of anything passes the check of those behind it.
 #![no_main]
 
-use bytemuck::Pod;
+use bytemuck::pod_collect_to_vec as elements;
 use mluc_ipc_types::{FrameHeader, Object};
 use mluc_refiner::{Refiner, RefinerOutput, Sensor, Settings};
-
-fn elements<T: Pod>(bytes: &[u8]) -> Vec<T> {
-    let chunks = bytes.chunks_exact(size_of::<T>());
-    chunks.map(bytemuck::pod_read_unaligned).collect()
-}
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let (detections, points) = data.split_at(data.len() / 2);

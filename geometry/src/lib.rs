@@ -1,4 +1,4 @@
-//! Boxes, rotated overlap, non-maximum suppression, frames of reference, the ground; the one random generator, quantile and bootstrap.
+//! Boxes, rotated overlap, non-maximum suppression, frames of reference, the ground; the one random generator, hash, quantile and bootstrap.
 //!
 //! Sensor frame: x forward, y left, z up, metres. Angles in rad, yaw about +z, 0 along +x.
 //! Camera frame (KITTI "rect"): x right, y down, z forward, metres; [`Calibration`] goes between the two.
@@ -17,5 +17,5 @@ pub use calibration::{Calibration, CalibrationError, CameraBox};
 pub use image::{ImageSize, iou_2d, overlap_of_first_2d, pixel_bounds};
 pub use overlap::{intersection_bev_m2, intersection_over_min_area, iou_3d, iou_bev, nms_into};
 pub use polygon::Polygon;
-pub use random::{Random, mix};
+pub use random::{FNV_OFFSET, Random, fnv1a, mix};
 pub use statistics::{mean_and_spread, quantile, quantile_of, resample};

@@ -1,4 +1,4 @@
-//! The random numbers of the workspace: they depend on a seed and a key alone, so that the same seed gives the same result.
+//! The random numbers of the workspace: they depend on a seed and a key alone, so that the same seed gives the same result. And its one hash.
 //!
 //! SplitMix64 (Steele, Lea, Flood 2014): small and fast; not for cryptography. (The simulator lays out scenes with ChaCha8.)
 
@@ -13,6 +13,16 @@ pub fn mix(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
+}
+
+/// What [`fnv1a`] begins with.
+pub const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
+
+/// FNV-1a (64 bit): what `hash` becomes with more bytes.
+pub fn fnv1a(hash: u64, bytes: &[u8]) -> u64 {
+    bytes.iter().fold(hash, |hash, byte| {
+        (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+    })
 }
 
 impl Random {

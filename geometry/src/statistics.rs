@@ -1,4 +1,4 @@
-//! The one quantile, and the one bootstrap: what a draw takes of `count` things (Efron 1979; in blocks, Künsch 1989), and how far values lie apart.
+//! The one quantile, and the one bootstrap: what a draw takes of `count` things (Efron 1979; in blocks on a circle, Politis and Romano 1992), and how far values lie apart.
 
 use crate::Random;
 
@@ -15,13 +15,13 @@ pub fn quantile_of(mut values: Vec<f64>, q: f64) -> Option<f64> {
     quantile(&values, q)
 }
 
-/// As many indices as there are things, in runs of `block` neighbours (1 to `count`) that begin anywhere: what depends on its
-/// neighbours stays with them. Runs of 1 are the plain bootstrap.
+/// As many indices as there are things, in runs of `block` neighbours (1 to `count`) that begin anywhere and go on from the last to the first, so that each is
+/// as likely: what depends on its neighbours stays with them. Runs of 1 are the plain bootstrap.
 pub fn resample(count: usize, block: usize, random: &mut Random) -> Vec<usize> {
     let mut drawn = Vec::with_capacity(count);
     while drawn.len() < count {
-        let first = random.below(count - block + 1);
-        drawn.extend(first..first + block.min(count - drawn.len()));
+        let first = random.below(count);
+        drawn.extend((first..first + block.min(count - drawn.len())).map(|at| at % count));
     }
     drawn
 }
@@ -49,7 +49,7 @@ mod tests {
         assert!(draw(1, 1) == draw(1, 1) && draw(1, 1) != draw(2, 1));
         let runs = draw(1, 70);
         assert_eq!(runs.len(), 1000);
-        let joins = |pair: &[usize]| pair[0] + 1 == pair[1];
+        let joins = |pair: &[usize]| (pair[0] + 1) % 1000 == pair[1];
         assert!(runs.chunks(70).all(|run| run.windows(2).all(joins)));
         assert!(resample(0, 1, &mut Random::from_state(1)).is_empty());
     }

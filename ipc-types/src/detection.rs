@@ -5,6 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::error::{Result, check_index, check_length, check_value, require};
+use crate::text::words;
 use crate::{CLASSES_MAX, ContractError, DETECTIONS_MAX, FrameHeader};
 
 /// Which side of the gate a detection lies on.
@@ -31,10 +32,7 @@ pub enum GateKind {
     SoftmaxMax = 3,
 }
 
-impl GateKind {
-    /// The words in the JSON lines and the contract, by number.
-    pub const NAMES: [&str; 4] = ["none", "eds", "unknown_probability", "softmax_max"];
-}
+words!(GateKind: "none" "eds" "unknown_probability" "softmax_max");
 
 /// `unknown_probability` of a model without an output for the unknown.
 pub const NO_PROBABILITY: f32 = -1.0;
@@ -184,21 +182,5 @@ mod tests {
             let error = said(change);
             assert!(error.starts_with(expected), "{expected}: {error}");
         }
-    }
-
-    #[test]
-    fn too_many_or_another_version_are_errors() {
-        let sound = Detection {
-            size_m: [1.0; 3],
-            ..Detection::default()
-        };
-        let many = vec![sound; DETECTIONS_MAX + 1];
-        let mut header = FrameHeader::new(0, "a");
-        assert!(Detection::checked(&header, &many[1..], 1).is_ok());
-        let error = Detection::checked(&header, &many, 1).unwrap_err();
-        assert!(matches!(error, ContractError::TooLong { .. }));
-        header.wire_version = 0;
-        let error = Detection::checked(&header, &[], 1).unwrap_err();
-        assert!(matches!(error, ContractError::WireVersion { found: 0, .. }));
     }
 }

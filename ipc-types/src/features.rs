@@ -158,16 +158,4 @@ mod tests {
         }
         assert_eq!(changed(1, 3, MAP_CELLS - 1), Ok(()));
     }
-
-    #[test]
-    fn too_many_channels_or_another_version_are_errors() {
-        let (mut header, blocks) = message(4);
-        let wide = FEATURE_CHANNELS_MAX + 16;
-        let error =
-            FeatureRows::checked(&header, &blocks, MAP_CELLS, wide, GROUND.len()).unwrap_err();
-        assert!(matches!(error, ContractError::TooLong { .. }));
-        header.wire_version = crate::WIRE_VERSION + 1;
-        let error = check(&header, &blocks).unwrap_err();
-        assert!(matches!(error, ContractError::WireVersion { .. }));
-    }
 }

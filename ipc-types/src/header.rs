@@ -224,11 +224,11 @@ impl FrameHeader {
         }
     }
 
-    /// Whether its points can be a scan's: more than a twentieth is finite and in the model's range. Some bytes of a text file read as such, 2 % or so; of a
+    /// Whether its points can be a scan's: 50 and more than a twentieth are finite and in the model's range. Some bytes of a text file read as such, 2 % or so; of a
     /// scan at least a fifth lies there.
     pub fn is_usable(&self) -> bool {
         let unusable = self.points_dropped.saturating_add(self.points_out_of_range);
-        self.points_in.saturating_sub(unusable) > self.points_in / 20
+        self.points_in.saturating_sub(unusable) > (self.points_in / 20).max(49)
     }
 
     /// Refuses a message of another wire version.

@@ -5,6 +5,7 @@ use bytemuck::{Contiguous, Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::error::{Result, check_version, require};
+use crate::text::words;
 use crate::{ContractError, Disposition, Object, ObjectKind, REASON_MAX, Stage, Text};
 
 /// The state words.
@@ -25,22 +26,7 @@ pub enum HealthState {
     Stopping = 5,
 }
 
-impl HealthState {
-    /// The words in the JSON lines and the contract, by number.
-    pub const NAMES: [&str; 6] = [
-        "starting",
-        "waiting_input",
-        "running",
-        "degraded",
-        "failed",
-        "stopping",
-    ];
-
-    /// The word.
-    pub fn name(self) -> &'static str {
-        HealthState::NAMES[self as usize]
-    }
-}
+words!(HealthState: "starting" "waiting_input" "running" "degraded" "failed" "stopping");
 
 /// Unknown objects that a refiner published or suppressed, since its process began. Other stages have zeros, and so has a refiner that does not count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]

@@ -38,20 +38,3 @@ impl Point {
         numbers.iter().all(|number| number.is_finite())
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_scan_beyond_the_limit_or_of_another_version_is_refused() {
-        let mut header = FrameHeader::new(0, "a");
-        let points = vec![Point::default(); POINTS_MAX + 1];
-        assert!(Point::checked(&header, &points[..POINTS_MAX]).is_ok());
-        let error = Point::checked(&header, &points).unwrap_err().to_string();
-        assert_eq!(error, "points: 262145 exceeds the limit of 262144");
-        header.wire_version = 7;
-        let error = Point::checked(&header, &[]).unwrap_err().to_string();
-        assert!(error.starts_with("wire version 7"), "{error}");
-    }
-}

@@ -7,6 +7,7 @@ use bytemuck::{Contiguous, Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::error::{Result, check_version, require};
+use crate::text::words;
 use crate::{ContractError, REASON_MAX, Stage, Text};
 
 /// The state words. A missing object means that nothing is there in [`StatusState::Running`] and [`StatusState::Degraded`] alone.
@@ -27,17 +28,9 @@ pub enum StatusState {
     Stopped = 5,
 }
 
+words!(StatusState: "starting" "running" "degraded" "blind" "late" "stopped");
+
 impl StatusState {
-    /// The words in the JSON lines and the contract, by number.
-    pub const NAMES: [&str; 6] = [
-        "starting", "running", "degraded", "blind", "late", "stopped",
-    ];
-
-    /// The word.
-    pub fn name(self) -> &'static str {
-        StatusState::NAMES[self as usize]
-    }
-
     /// Whether a missing object means that nothing is there.
     pub fn sees(self) -> bool {
         [StatusState::Running, StatusState::Degraded].contains(&self)

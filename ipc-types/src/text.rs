@@ -1,4 +1,20 @@
-//! Short text of fixed size, as plain bytes.
+//! Short text of fixed size, as plain bytes; the words of enums.
+
+/// Gives an enum's values, which count from 0, their words.
+macro_rules! words {
+    ($kind:ident: $($word:literal)+) => {
+        impl $kind {
+            /// The words in the JSON lines and the contract, by number.
+            pub const NAMES: [&str; [$($word),+].len()] = [$($word),+];
+
+            /// The word.
+            pub fn name(self) -> &'static str {
+                Self::NAMES[self as usize]
+            }
+        }
+    };
+}
+pub(crate) use words;
 
 /// UTF-8 padded with NUL. `Text` only reads and writes byte arrays: the payloads hold `[u8; N]`.
 pub struct Text;

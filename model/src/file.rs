@@ -2,6 +2,7 @@
 
 use std::{borrow::Cow, collections::HashMap, path::Path};
 
+use mluc_geometry::{FNV_OFFSET, fnv1a};
 use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, SafeTensors, View};
 
@@ -34,7 +35,7 @@ impl Model {
         Ok(Model {
             manifest,
             weights,
-            fingerprint: fnv1a(bytes),
+            fingerprint: fnv1a(FNV_OFFSET, bytes),
         })
     }
 
@@ -110,11 +111,4 @@ fn read_manifest(json: &str) -> Result<Manifest> {
     let manifest: Manifest = serde_json::from_str(json)?;
     manifest.validate()?;
     Ok(manifest)
-}
-
-/// FNV-1a.
-pub(crate) fn fnv1a(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01B3)
-    })
 }

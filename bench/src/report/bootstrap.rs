@@ -1,8 +1,8 @@
 //! How far a statistic of a run would scatter, by resampling blocks of consecutive frames.
 //!
 //! Neighbouring frames share their disposition (a busy neighbour process lasts longer than a frame), so single frames must not be
-//! drawn: the interval would be far too narrow. Drawing whole blocks keeps that dependence (moving-block bootstrap, Künsch
-//! 1989). Blocks are a tenth of a round, so that slow drift inside of a run widens the interval as well.
+//! drawn: the interval would be far too narrow. Drawing whole blocks keeps that dependence (circular block bootstrap, Politis and
+//! Romano 1992). Blocks are a tenth of a round, so that slow drift inside of a run widens the interval as well.
 
 use mluc_geometry::{Random, mean_and_spread, resample};
 

@@ -33,19 +33,15 @@ unsafe impl<const VNNI: bool> Simd for Avx2<VNNI> {
     const LANES: usize = 8;
     const REGISTERS: usize = 16;
 
-    #[inline(always)]
-    fn splat(self, value: f32) -> __m256 {
-        unsafe { _mm256_set1_ps(value) }
-    }
-
-    #[inline(always)]
-    fn fma(self, a: __m256, b: __m256, c: __m256) -> __m256 {
-        unsafe { _mm256_fmadd_ps(a, b, c) }
-    }
-
-    #[inline(always)]
-    fn splat_bits(self, lane: u32) -> __m256i {
-        unsafe { _mm256_set1_epi32(lane as i32) }
+    methods! {
+        fn splat(value: f32) -> __m256 = _mm256_set1_ps(value);
+        fn fma(a: __m256, b: __m256, c: __m256) -> __m256 = _mm256_fmadd_ps(a, b, c);
+        fn splat_bits(lane: u32) -> __m256i = _mm256_set1_epi32(lane as i32);
+        fn dot_shorts(a: __m256i, b: __m256i, c: __m256i) -> __m256i = _mm256_add_epi32(_mm256_madd_epi16(a, b), c);
+        fn add_bits(a: __m256i, b: __m256i) -> __m256i = _mm256_add_epi32(a, b);
+        fn sub_bits(a: __m256i, b: __m256i) -> __m256i = _mm256_sub_epi32(a, b);
+        fn add_shorts(a: __m256i, b: __m256i) -> __m256i = _mm256_add_epi16(a, b);
+        fn sub_shorts(a: __m256i, b: __m256i) -> __m256i = _mm256_sub_epi16(a, b);
     }
 
     #[inline(always)]
@@ -70,12 +66,4 @@ unsafe impl<const VNNI: bool> Simd for Avx2<VNNI> {
             self.dot_shorts(a_odd, b_odd, self.dot_shorts(a_even, b_even, c))
         }
     }
-
-    #[inline(always)]
-    fn dot_shorts(self, a: __m256i, b: __m256i, c: __m256i) -> __m256i {
-        unsafe { _mm256_add_epi32(_mm256_madd_epi16(a, b), c) }
-    }
-
-    of_two!(__m256i: add_bits = _mm256_add_epi32, sub_bits = _mm256_sub_epi32,
-        add_shorts = _mm256_add_epi16, sub_shorts = _mm256_sub_epi16);
 }

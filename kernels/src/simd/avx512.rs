@@ -44,19 +44,15 @@ unsafe impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
     const LANES: usize = 16;
     const REGISTERS: usize = 32;
 
-    #[inline(always)]
-    fn splat(self, value: f32) -> __m512 {
-        unsafe { _mm512_set1_ps(value) }
-    }
-
-    #[inline(always)]
-    fn fma(self, a: __m512, b: __m512, c: __m512) -> __m512 {
-        unsafe { _mm512_fmadd_ps(a, b, c) }
-    }
-
-    #[inline(always)]
-    fn splat_bits(self, lane: u32) -> __m512i {
-        unsafe { _mm512_set1_epi32(lane as i32) }
+    methods! {
+        fn splat(value: f32) -> __m512 = _mm512_set1_ps(value);
+        fn fma(a: __m512, b: __m512, c: __m512) -> __m512 = _mm512_fmadd_ps(a, b, c);
+        fn splat_bits(lane: u32) -> __m512i = _mm512_set1_epi32(lane as i32);
+        fn dot_shorts(a: __m512i, b: __m512i, c: __m512i) -> __m512i = _mm512_add_epi32(_mm512_madd_epi16(a, b), c);
+        fn add_bits(a: __m512i, b: __m512i) -> __m512i = _mm512_add_epi32(a, b);
+        fn sub_bits(a: __m512i, b: __m512i) -> __m512i = _mm512_sub_epi32(a, b);
+        fn add_shorts(a: __m512i, b: __m512i) -> __m512i = _mm512_add_epi16(a, b);
+        fn sub_shorts(a: __m512i, b: __m512i) -> __m512i = _mm512_sub_epi16(a, b);
     }
 
     #[inline(always)]
@@ -94,14 +90,6 @@ unsafe impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
             self.dot_shorts(a_odd, b_odd, self.dot_shorts(a_even, b_even, c))
         }
     }
-
-    #[inline(always)]
-    fn dot_shorts(self, a: __m512i, b: __m512i, c: __m512i) -> __m512i {
-        unsafe { _mm512_add_epi32(_mm512_madd_epi16(a, b), c) }
-    }
-
-    of_two!(__m512i: add_bits = _mm512_add_epi32, sub_bits = _mm512_sub_epi32,
-        add_shorts = _mm512_add_epi16, sub_shorts = _mm512_sub_epi16);
 
     #[inline(always)]
     fn list(self, lists: &mut Lists, first: usize) {

@@ -136,6 +136,17 @@ pub fn at_best<R>(work: impl FnOnce() -> R) -> R {
     Level::best().run(Work(work))
 }
 
+/// [`at_best`](fn@at_best) of an expression that is inlined into it.
+#[macro_export]
+macro_rules! at_best {
+    ($work:expr) => {
+        $crate::at_best(
+            #[inline(always)]
+            || $work,
+        )
+    };
+}
+
 struct Work<F>(F);
 
 impl<F: FnOnce() -> R, R> Kernel for Work<F> {

@@ -5,12 +5,12 @@
 //! All `unsafe` of this crate is in this folder.
 #![allow(unsafe_code)]
 
-/// Methods of a [`Simd`] that are one instruction on two registers.
-macro_rules! of_two {
-    ($register:ty: $($name:ident = $instruction:ident),*) => {$(
+/// Methods of a [`Simd`] that are one expression of instructions, for which `self` is the proof alone.
+macro_rules! methods {
+    ($(fn $name:ident($($argument:ident: $type:ty),*) -> $out:ty = $value:expr;)*) => {$(
         #[inline(always)]
-        fn $name(self, a: $register, b: $register) -> $register {
-            unsafe { $instruction(a, b) }
+        fn $name(self, $($argument: $type),*) -> $out {
+            unsafe { $value }
         }
     )*};
 }

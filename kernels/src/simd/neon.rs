@@ -35,19 +35,14 @@ unsafe impl<const DOT: bool> Simd for Neon<DOT> {
     // There are products of two signed bytes, and of two unsigned ones; of both only in later processors.
     const SIGNED_BYTES: bool = true;
 
-    #[inline(always)]
-    fn splat(self, value: f32) -> float32x4_t {
-        unsafe { vdupq_n_f32(value) }
-    }
-
-    #[inline(always)]
-    fn fma(self, a: float32x4_t, b: float32x4_t, c: float32x4_t) -> float32x4_t {
-        unsafe { vfmaq_f32(c, a, b) }
-    }
-
-    #[inline(always)]
-    fn splat_bits(self, lane: u32) -> uint32x4_t {
-        unsafe { vdupq_n_u32(lane) }
+    methods! {
+        fn splat(value: f32) -> float32x4_t = vdupq_n_f32(value);
+        fn fma(a: float32x4_t, b: float32x4_t, c: float32x4_t) -> float32x4_t = vfmaq_f32(c, a, b);
+        fn splat_bits(lane: u32) -> uint32x4_t = vdupq_n_u32(lane);
+        fn add_bits(a: uint32x4_t, b: uint32x4_t) -> uint32x4_t = vaddq_u32(a, b);
+        fn sub_bits(a: uint32x4_t, b: uint32x4_t) -> uint32x4_t = vsubq_u32(a, b);
+        fn add_shorts(a: uint32x4_t, b: uint32x4_t) -> uint32x4_t = transmute(vaddq_u16(transmute(a), transmute(b)));
+        fn sub_shorts(a: uint32x4_t, b: uint32x4_t) -> uint32x4_t = transmute(vsubq_u16(transmute(a), transmute(b)));
     }
 
     #[inline(always)]
@@ -80,8 +75,6 @@ unsafe impl<const DOT: bool> Simd for Neon<DOT> {
         }
     }
 
-    of_two!(uint32x4_t: add_bits = vaddq_u32, sub_bits = vsubq_u32);
-
     #[inline(always)]
     fn dot_shorts(self, a: uint32x4_t, b: uint32x4_t, c: uint32x4_t) -> uint32x4_t {
         unsafe {
@@ -90,15 +83,5 @@ unsafe impl<const DOT: bool> Simd for Neon<DOT> {
             let pairs = vpaddq_s32(low, vmull_high_s16(a, b));
             vaddq_u32(c, vreinterpretq_u32_s32(pairs))
         }
-    }
-
-    #[inline(always)]
-    fn add_shorts(self, a: uint32x4_t, b: uint32x4_t) -> uint32x4_t {
-        unsafe { transmute(vaddq_u16(transmute(a), transmute(b))) }
-    }
-
-    #[inline(always)]
-    fn sub_shorts(self, a: uint32x4_t, b: uint32x4_t) -> uint32x4_t {
-        unsafe { transmute(vsubq_u16(transmute(a), transmute(b))) }
     }
 }

@@ -1,13 +1,12 @@
 //! Fingerprints of a data set, so that a report says what it was made on and a checkpoint what it was trained on.
 
 use super::{Dataset, DatasetError, Result};
+use mluc_geometry::{FNV_OFFSET, fnv1a};
 use rayon::prelude::*;
 use std::path::Path;
 
 /// Scans whose bytes are hashed: every so many.
 const SCAN_STEP: usize = 50;
-const OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
-const PRIME: u64 = 0x0000_0100_0000_01b3;
 
 /// FNV-1a (64 bit) over all labels, the sizes of all scans and the bytes of every 50th scan, of the first `frames` frames, in order.
 pub fn data_hash(dataset: &Dataset, frames: usize) -> Result<String> {
@@ -16,33 +15,28 @@ pub fn data_hash(dataset: &Dataset, frames: usize) -> Result<String> {
         let labels = read(&dataset.label_path(name))?;
         let scan = dataset.scan_path(name);
         let size = std::fs::metadata(&scan).map_err(DatasetError::read(&scan))?;
-        let mut hash = fnv(fnv(OFFSET, &labels), &size.len().to_le_bytes());
+        let mut hash = fnv1a(fnv1a(FNV_OFFSET, &labels), &size.len().to_le_bytes());
         if index.is_multiple_of(SCAN_STEP) {
-            hash = fnv(hash, &read(&scan)?);
+            hash = fnv1a(hash, &read(&scan)?);
         }
         Ok(hash)
     };
     let hashes = names.par_iter().enumerate().map(one);
     let hashes: Vec<u64> = hashes.collect::<Result<_, _>>()?;
-    let add = |hash, frame: &u64| fnv(hash, &frame.to_le_bytes());
-    let whole = hashes.iter().fold(OFFSET, add);
+    let add = |hash, frame: &u64| fnv1a(hash, &frame.to_le_bytes());
+    let whole = hashes.iter().fold(FNV_OFFSET, add);
     Ok(format!("{whole:016x}"))
 }
 
 /// FNV-1a (64 bit) over all calibrations, in the order of the frames.
 pub fn calibration_hash(dataset: &Dataset) -> Result<String> {
     let mut names = dataset.names().iter();
-    let whole = names.try_fold(OFFSET, |hash, name| {
-        Ok(fnv(hash, &read(&dataset.calibration_path(name))?))
+    let whole = names.try_fold(FNV_OFFSET, |hash, name| {
+        Ok(fnv1a(hash, &read(&dataset.calibration_path(name))?))
     })?;
     Ok(format!("{whole:016x}"))
 }
 
 fn read(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(DatasetError::read(path))
-}
-
-fn fnv(hash: u64, bytes: &[u8]) -> u64 {
-    let add = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(PRIME);
-    bytes.iter().fold(hash, add)
 }

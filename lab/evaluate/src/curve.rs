@@ -26,7 +26,7 @@ impl AveragePrecision {
     /// The mean of several, each way of averaging by itself; 0 of none.
     pub fn mean(of: &[AveragePrecision]) -> AveragePrecision {
         let count = of.len().max(1) as f64;
-        AveragePrecision::each_way(|way| of.iter().map(way).sum::<f64>() / count)
+        AveragePrecision::each_way(|way| of.iter().map(way).fold(0.0, |a, b| a + b) / count)
     }
 
     /// The harmonic mean of two, each way of averaging by itself.
@@ -47,8 +47,6 @@ pub fn harmonic_mean(known: f64, unknown: f64) -> f64 {
 pub(crate) struct Curve {
     /// Labels that count.
     pub(crate) truth_count: usize,
-    /// Labels that count and that no detection overlaps enough, whatever its score.
-    pub(crate) missed_count: usize,
     /// Scores of the hits when every detection takes part; from high to low over all frames.
     pub(crate) hit_scores: Vec<f64>,
     /// Of one frame: score, and what changes there: hits and false alarms. Over all frames: score, and hits and false alarms
@@ -62,7 +60,6 @@ impl Curve {
         let mut curve = Curve::default();
         for frame in frames {
             curve.truth_count += frame.truth_count;
-            curve.missed_count += frame.missed_count;
             curve.hit_scores.extend_from_slice(&frame.hit_scores);
             curve.steps.extend_from_slice(&frame.steps);
         }
@@ -85,11 +82,10 @@ impl Curve {
         curve
     }
 
-    /// Part of the labels that is found when every detection takes part, percent: hits / (hits + misses).
+    /// Part of the labels that count that is found when every detection takes part, percent; over all frames.
     pub(crate) fn recall_percent(&self) -> f64 {
-        let hits = self.hit_scores.len() as f64;
-        let all = hits + self.missed_count as f64;
-        if all > 0.0 { 100.0 * hits / all } else { 0.0 }
+        let hits = self.steps.last().map_or(0, |step| step.1);
+        100.0 * hits as f64 / self.truth_count.max(1) as f64
     }
 
     /// Hits and false alarms when the detections at or above a score take part.

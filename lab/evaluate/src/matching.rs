@@ -132,11 +132,8 @@ fn match_by_score(truths: &[Truth], candidates: &[Candidate], curve: &mut Curve)
     let better = |a: &_, b: &_| score(a) > score(b);
     let found = take(truths, candidates, f64::NEG_INFINITY, better);
     for (_, found) in truths.iter().zip(found).filter(|(truth, _)| truth.valid) {
-        match found.map(|i| &candidates[i]) {
-            None => curve.missed_count += 1,
-            Some(candidate) if candidate.valid => curve.hit_scores.push(candidate.score),
-            Some(_) => {}
-        }
+        let found = found.map(|i| &candidates[i]).filter(|one| one.valid);
+        curve.hit_scores.extend(found.map(|one| one.score));
     }
 }
 

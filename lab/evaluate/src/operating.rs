@@ -16,6 +16,7 @@ use mluc_geometry::{Inside, Random, quantile_of, resample};
 use mluc_model::{Probabilities, RangeBand};
 use rayon::prelude::*;
 use serde_json::{Value, json};
+use std::sync::Arc;
 
 const RANGE_MAX_M: f64 = 70.0;
 const MARGIN_M: f64 = 0.5;
@@ -285,15 +286,16 @@ fn draws(drives: &[usize]) -> Vec<Vec<usize>> {
     (0..DRAWS).map(draw).collect()
 }
 
-/// The part of a frame that is counted.
+/// The part of a frame that is counted: also what lies on a label of it, beyond the farthest range or in a region without labels.
 pub(crate) fn counted(frame: &LabelledFrame) -> LabelledFrame {
     let is_near = |label: &&Label| range_m(&label.camera_box.upright()) <= RANGE_MAX_M;
     let is_labelled = |d: &&Label| !in_dont_care(&frame.labels, &d.image_box_px, DONT_CARE_MAX);
-    let detections = frame.detections.iter().filter(is_near).filter(is_labelled);
-    LabelledFrame {
-        detections: detections.cloned().collect(),
-        labels: frame.labels.iter().filter(is_near).cloned().collect(),
-    }
+    let labels: Arc<[Label]> = frame.labels.iter().filter(is_near).cloned().collect();
+    let is_found = |d: &&Label| labels.iter().any(|label| is_on(d, label));
+    let counts = |d: &&Label| is_found(d) || is_near(d) && is_labelled(d);
+    let detections = frame.detections.iter().filter(counts);
+    let detections = detections.cloned().collect();
+    LabelledFrame { labels, detections }
 }
 
 fn judge(frame: &LabelledFrame, rules: &[ClassRule]) -> FrameOutcome {

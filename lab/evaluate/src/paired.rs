@@ -27,7 +27,10 @@ pub fn paired(pair: [&[LabelledFrame]; 2], rules: &[ClassRule]) -> Value {
             ([ap, beside, ap - beside], first.truth_count)
         };
         let (all, labels) = figures(&(0..count).collect::<Vec<_>>());
-        let drawn: Vec<_> = draws.par_iter().map(|draw| figures(draw).0).collect();
+        // A draw without a label says nothing.
+        let drawn = draws.par_iter().map(|draw| figures(draw));
+        let drawn = drawn.filter_map(|(of, labels)| (labels > 0).then_some(of));
+        let drawn: Vec<_> = drawn.collect();
         let bound = |at: usize, share| quantile_of(drawn.iter().map(|d| d[at]).collect(), share);
         let of = |at| json!([all[at], bound(at, 0.025), bound(at, 0.975)]);
         json!({"class": rule.name, "difficulty": difficulty.name(), "labels": labels, "ap": of(0), "ap_beside": of(1), "difference": of(2)})

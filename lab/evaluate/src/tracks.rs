@@ -28,7 +28,7 @@ pub struct Tracks {
 }
 
 impl Tracks {
-    /// Of frames drive by drive; `drives` says how many each has. `None` where no object has a track.
+    /// Of frames drive by drive; `drives` says how many each has. `None` where nothing is numbered.
     pub fn of(frames: &[LabelledFrame], drives: &[usize], rules: &[ClassRule]) -> Option<Tracks> {
         let mut all = Tracks::default();
         let mut rest = frames;
@@ -67,7 +67,7 @@ impl Tracks {
             all.on_no_label += wrong.count();
         }
         all.on_no_label_a_minute = all.on_no_label as f64 * SCANS_A_MINUTE / frames.len() as f64;
-        (all.tracks > 0).then_some(all)
+        (all.tracks + all.labels > 0).then_some(all)
     }
 }
 
@@ -122,5 +122,12 @@ mod tests {
         let two = Tracks::of(&frames, &[3, 3], &rules).expect("tracks");
         assert_eq!((two.tracks, two.labels), (6, 0));
         assert_eq!(Tracks::of(&[frame(vec![], vec![])], &[1], &rules), None);
+        let alone = |frame: &LabelledFrame| LabelledFrame {
+            detections: vec![],
+            ..frame.clone()
+        };
+        let unseen: Vec<LabelledFrame> = frames.iter().map(alone).collect();
+        let found = Tracks::of(&unseen, &[6], &rules).expect("labels");
+        assert_eq!((found.tracks, found.labels, found.found), (0, 2, 0));
     }
 }

@@ -16,13 +16,20 @@ use crate::train::{BASE, NETWORKS, command_of};
 use mluc_dataset::{Dataset, data_hash};
 use mluc_evaluate::{EvaluateError, JudgedFrames, LabelledFrame};
 use serde_json::{Value, json};
-use std::{collections::BTreeMap, path::Path};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 const FIGURE_5: &str = "Figure 5: AP of the unknown and mAP of the known over the recall of the unknown, one curve a method";
 const FIGURE_6: &str = "Figure 6: the frame with most unknown objects within 32 m, as labelled and as each method sees it; unknown \
     objects are shown down to the score at which a method has one false alarm a frame, known ones from 0.3";
 
-pub(crate) fn write_report(options: &Options, tests: &Tests, screen: &dyn Screen) -> Result<()> {
+/// Writes everything, and gives the page's path.
+pub(crate) fn write_report(
+    options: &Options,
+    tests: &Tests,
+    screen: &dyn Screen,
+) -> Result<PathBuf> {
+    let layout = &options.layout();
     let mut report = ReproductionReport {
         provenance: provenance(options),
         ..ReproductionReport::default()
@@ -37,21 +44,23 @@ pub(crate) fn write_report(options: &Options, tests: &Tests, screen: &dyn Screen
         let rows = evaluated.iter().filter_map(row).collect();
         report.settings.insert(name.clone(), rows);
         let mut details = details(options, test, &evaluated)?;
-        let real = real_rows(&options.layout, test, &evaluated, &options.real, screen)?;
+        let real = real_rows(layout, test, &evaluated, &options.real, screen)?;
         details["real"] = json!(real);
         report.details.insert(name, details);
         by_setting.push((test, evaluated));
     }
     if report.settings.values().all(BTreeMap::is_empty) {
         let what = "expected a trained network of at least one kind (NETWORK/model.safetensors), found none";
-        return Err(EvaluateError::file(&options.layout.runs, what));
+        return Err(EvaluateError::file(&layout.runs, what));
     }
-    let out = &options.layout.out;
+    let out = &layout.out;
     let pictures = write_pictures(out, &report, &by_setting)?;
     let json = serde_json::to_vec_pretty(&report).map_err(|e| EvaluateError::file(out, e))?;
     write_whole(&out.join("report.json"), &json)?;
     let page = page(&report, &pictures);
-    write_whole(&out.join("README.md"), page.as_bytes())
+    let path = out.join("README.md");
+    write_whole(&path, page.as_bytes())?;
+    Ok(path)
 }
 
 /// Writes every picture; each file with what it shows.
@@ -77,7 +86,7 @@ fn write_pictures(
 
 /// Every evaluation of a setting that is up to date.
 fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow> {
-    let (layout, setting) = (&options.layout, test.setting);
+    let (layout, setting) = (&options.layout(), test.setting);
     let mut found = ByRow::new();
     for row in METHODS.iter() {
         for seed in 1..=options.seeds {
@@ -95,7 +104,7 @@ fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow> {
 
 /// Our method after each of its steps, as far as it was judged.
 fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
-    let (layout, setting, row) = (&options.layout, test.setting, Method::MlucFull.row());
+    let (layout, setting, row) = (&options.layout(), test.setting, Method::MlucFull.row());
     let run = (setting, row.network, 1);
     if !layout.model_of(run).is_file() {
         return Ok(Vec::new());
@@ -114,7 +123,7 @@ fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
 }
 
 fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Value> {
-    let (layout, setting) = (&options.layout, test.setting);
+    let (layout, setting) = (&options.layout(), test.setting);
     let frames = (0..test.set.names().len()).map(|i| Ok(test.set.truth(i)?.with(&[])));
     let frames: Vec<LabelledFrame> = frames.collect::<Result<_>>()?;
     let rules = setting_rules(setting)?;
@@ -157,15 +166,15 @@ fn portable(layout: &Layout, command: &str) -> String {
 
 /// Where each split comes from; hashes are FNV-1a over all labels, the sizes of all scans and the bytes of every 50th scan.
 fn data(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
-    let sizes = options.sizes(test.setting);
+    let (layout, sizes) = (&options.layout(), options.sizes(test.setting));
     let mut data = Vec::new();
-    for simulation in Simulation::all(&options.layout, test.setting, &sizes) {
+    for simulation in Simulation::all(layout, test.setting, &sizes) {
         let (frames, folder) = (simulation.options.frames, &simulation.options.folder);
         // Where nothing is trained fewer frames may lie there, or none.
         if simulation.is_done().unwrap_or(false) {
             let hash = data_hash(&Dataset::open(folder)?, frames as usize)?;
             let split = simulation.name;
-            let command = portable(&options.layout, &simulation.command());
+            let command = portable(layout, &simulation.command());
             data.push(json!({"split": split, "frames": frames, "command": command, "hash": hash}));
         }
     }
@@ -178,8 +187,8 @@ fn data(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
 }
 
 fn provenance(options: &Options) -> Value {
-    let mut settings = options.settings.iter();
-    let draws = settings.next().map(|s| options.sizes(*s).resamples);
+    let mut settings = options.settings().into_iter();
+    let draws = settings.next().map(|s| options.sizes(s).resamples);
     let seeded = NETWORKS.iter().filter(|n| n.seeded);
     let seeded: Vec<String> = seeded.map(|n| n.network.name()).collect();
     let training = format!(
@@ -192,7 +201,7 @@ fn provenance(options: &Options) -> Value {
     );
     let draws = draws.unwrap_or(0) as u64;
     json!({
-        "commit": options.commit, "command": options.command, "size": options.size.name(),
+        "commit": options.commit, "command": options.command(), "size": options.size().name(),
         "bootstrap": [draws, BOOTSTRAP_SEED], "threads": rayon::current_num_threads(), "training": training,
     })
 }

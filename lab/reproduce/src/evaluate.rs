@@ -16,7 +16,7 @@ use mluc_model::Model;
 use mluc_train::NetworkKind;
 
 /// Changes with the meaning of what is kept.
-const FORMAT: u32 = 6;
+const FORMAT: u32 = 7;
 pub(crate) const BOOTSTRAP_SEED: u64 = 1;
 
 /// The known classes of a setting at the paper's overlaps, then the unknown.

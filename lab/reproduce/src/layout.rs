@@ -20,13 +20,13 @@ pub(crate) type Run = (Setting, NetworkKind, u64);
 /// OUT/                                   the report
 /// ```
 #[derive(Clone, Debug)]
-pub struct Layout {
+pub(crate) struct Layout {
     /// Data sets.
-    pub data: PathBuf,
+    pub(crate) data: PathBuf,
     /// Networks and evaluations.
-    pub runs: PathBuf,
+    pub(crate) runs: PathBuf,
     /// The report.
-    pub out: PathBuf,
+    pub(crate) out: PathBuf,
 }
 
 impl Layout {

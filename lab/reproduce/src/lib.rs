@@ -21,11 +21,12 @@ mod setting;
 mod simulate;
 mod train;
 
-pub use layout::Layout;
 pub use options::{Options, Screen};
 pub use run::run;
-pub use setting::{Setting, Size};
 pub use train::{RunState, run_state};
+
+use layout::Layout;
+use setting::{Setting, Size};
 
 /// A step's outcome.
 pub(crate) type Result<T, E = mluc_evaluate::EvaluateError> = std::result::Result<T, E>;

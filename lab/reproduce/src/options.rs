@@ -1,40 +1,126 @@
 //! What a reproduction is asked for, where it shows how far it is, and the frames that its figures are taken on.
 
 use crate::{Layout, Result, Setting, Size, setting::Sizes};
+use clap::{ArgAction, Parser};
 use mluc_dataset::{Dataset, Splits, data_hash};
 use mluc_evaluate::pipeline::FrameSet;
 use std::{collections::BTreeMap, path::PathBuf};
 
 /// What a reproduction can be told.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Parser)]
 pub struct Options {
-    /// Folders.
-    pub layout: Layout,
-    /// What to make tables of.
-    pub settings: Vec<Setting>,
-    /// Size of the plan.
-    pub size: Size,
-    /// Test scans, where not the plan's number.
-    pub test_frames: Option<u32>,
-    /// Networks of the kinds that are trained more than once.
-    pub seeds: u64,
-    /// Train what is missing or unfinished; otherwise rows without a network are left out.
-    pub train: bool,
+    /// Only this setting: udi (industrial park, all around) or kitti (streets, ahead) [default: both, simulated].
+    #[arg(long, value_enum, hide_possible_values = true)]
+    #[arg(conflicts_with = "dataset")]
+    setting: Option<Setting>,
+    /// Networks of the kinds that naive, MLUC and mluc-full run on: their rows then have a spread over seeds.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=20))]
+    pub(crate) seeds: u64,
+    /// A few small scans and a few steps: shows that everything works; the figures mean little.
+    #[arg(long)]
+    quick: bool,
+    /// Smaller still, for tests.
+    #[arg(long, hide = true)]
+    smoke: bool,
+    /// Judge on so many test scans instead of the plan's number.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
+    test_frames: Option<u32>,
+    /// Train nothing: rows whose network does not lie in --runs are left out.
+    #[arg(long = "no-train", action = ArgAction::SetFalse)]
+    pub(crate) train: bool,
+    /// Folder of the report [default: RUNS/report].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Folder of data sets, simulated where missing [default: data, with --quick data/quick].
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Folder of networks and evaluations [default: runs, with --quick runs/quick].
+    #[arg(long, value_name = "DIR")]
+    runs: Option<PathBuf>,
+    /// Recorded scans in KITTI's format on which the rows of sim-kitti are shown too, nothing being chosen on them. Can be repeated.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) real: Vec<PathBuf>,
+    /// Tables on KITTI's object benchmark instead: needs --root.
+    #[arg(long, value_parser = ["kitti"], requires = "root")]
+    dataset: Option<String>,
+    /// Folder of KITTI's object benchmark: training/ with velodyne, label_2 and calib; ImageSets with train.txt and val.txt.
+    #[arg(long, value_name = "DIR", requires = "dataset")]
+    root: Option<PathBuf>,
+    /// Folder with train.txt and val.txt [default: ImageSets in or beside --root].
+    #[arg(long, value_name = "DIR", requires = "dataset")]
+    splits: Option<PathBuf>,
     /// This program, which trains in a process of its own.
+    #[arg(skip)]
     pub program: PathBuf,
     /// Commit of the program.
+    #[arg(skip)]
     pub commit: String,
-    /// The command, for the report.
-    pub command: String,
-    /// Folders of recorded scans on which the rows of `sim-kitti` are shown too.
-    pub real: Vec<PathBuf>,
-    /// KITTI's benchmark, for [`Setting::Kitti`].
-    pub kitti: Option<Splits>,
 }
 
 impl Options {
+    pub(crate) fn size(&self) -> Size {
+        match (self.smoke, self.quick) {
+            (true, _) => Size::Smoke,
+            (false, true) => Size::Quick,
+            (false, false) => Size::Full,
+        }
+    }
+
+    /// Folders.
+    pub(crate) fn layout(&self) -> Layout {
+        let below = |folder: &str| match self.size() {
+            Size::Full => PathBuf::from(folder),
+            size => PathBuf::from(folder).join(size.name()),
+        };
+        let runs = self.runs.clone().unwrap_or_else(|| below("runs"));
+        Layout {
+            data: self.data.clone().unwrap_or_else(|| below("data")),
+            out: self.out.clone().unwrap_or_else(|| runs.join("report")),
+            runs,
+        }
+    }
+
+    /// What to make tables of.
+    pub(crate) fn settings(&self) -> Vec<Setting> {
+        match (&self.dataset, self.setting) {
+            (Some(_), _) => vec![Setting::Kitti],
+            (None, Some(setting)) => vec![setting],
+            (None, None) => vec![Setting::SimUdi, Setting::SimKitti],
+        }
+    }
+
+    /// KITTI's benchmark, for [`Setting::Kitti`].
+    pub(crate) fn kitti(&self) -> Option<Splits> {
+        let (root, folder) = (self.root.clone()?, self.splits.clone());
+        Some(Splits { root, folder })
+    }
+
+    /// The command as a reader would repeat it: without folders of this machine.
+    pub(crate) fn command(&self) -> String {
+        let mut text = "mluc-lab reproduce".to_owned();
+        if let Some(dataset) = &self.dataset {
+            text += &format!(" --dataset {dataset} --root DIR");
+            text += self.splits.as_ref().map_or("", |_| " --splits DIR");
+        } else if let Some(setting) = self.setting {
+            text += &format!(" --setting {}", setting.trainer_name());
+        }
+        if self.seeds > 1 {
+            text += &format!(" --seeds {}", self.seeds);
+        }
+        if self.size() != Size::Full {
+            text += &format!(" --{}", self.size().name());
+        }
+        if let Some(frames) = self.test_frames {
+            text += &format!(" --test-frames {frames}");
+        }
+        if !self.train {
+            text += " --no-train";
+        }
+        text + &" --real DIR".repeat(self.real.len())
+    }
+
     pub(crate) fn sizes(&self, setting: Setting) -> Sizes {
-        let sizes = self.size.sizes(setting);
+        let sizes = self.size().sizes(setting);
         Sizes {
             test_frames: self.test_frames.unwrap_or(sizes.test_frames),
             ..sizes
@@ -70,9 +156,9 @@ pub(crate) struct TestFrames {
 
 impl TestFrames {
     pub(crate) fn open(options: &Options, setting: Setting) -> Result<TestFrames> {
-        let folder = options.layout.data_of(setting, "").join("test");
+        let folder = options.layout().data_of(setting, "").join("test");
         let sizes = options.sizes(setting);
-        let is_whole = options.size == Size::Full && options.test_frames.is_none();
+        let is_whole = options.size() == Size::Full && options.test_frames.is_none();
         let frames = match setting {
             // All of a recorded split, unless fewer are asked for.
             Setting::Kitti if is_whole => usize::MAX,

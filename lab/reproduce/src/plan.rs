@@ -43,15 +43,15 @@ impl Step {
 
 /// Every step for the settings, whether its outcome is there or not.
 pub(crate) fn plan(options: &Options) -> Vec<Step> {
-    let layout = &options.layout;
+    let layout = &options.layout();
     let mut steps = Vec::new();
-    for &setting in &options.settings {
+    for setting in options.settings() {
         let sizes = options.sizes(setting);
         let mut add = |work: Work| steps.push(Step { setting, work });
         for simulation in Simulation::all(layout, setting, &sizes) {
             add(Work::Simulate(simulation));
         }
-        if let (Setting::Kitti, Some(splits)) = (setting, &options.kitti) {
+        if let (Setting::Kitti, Some(splits)) = (setting, &options.kitti()) {
             for (name, preparation) in preparations(splits, layout) {
                 add(Work::Prepare(name, preparation));
             }
@@ -102,28 +102,11 @@ fn networks(seeds: u64) -> Vec<(&'static NetworkPlan, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Size;
-    use std::path::PathBuf;
+    use clap::Parser;
 
     /// The commands of a full plan of three seeds.
     fn commands() -> Vec<String> {
-        let steps = plan(&Options {
-            layout: Layout {
-                data: PathBuf::from("data"),
-                runs: PathBuf::from("runs"),
-                out: PathBuf::from("out"),
-            },
-            settings: vec![Setting::SimUdi, Setting::SimKitti],
-            size: Size::Full,
-            test_frames: None,
-            seeds: 3,
-            train: true,
-            program: PathBuf::new(),
-            commit: String::new(),
-            command: String::new(),
-            real: Vec::new(),
-            kitti: None,
-        });
+        let steps = plan(&Options::parse_from(["reproduce", "--seeds", "3"]));
         let command = |step: Step| match step.work {
             Work::Simulate(simulation) => Some(simulation.command()),
             Work::Train(training) => Some(training.command()),

@@ -7,11 +7,15 @@ use crate::{Result, Setting};
 use crate::{assemble::write_report, evaluate::evaluate_network};
 use mluc_dataset::{Dataset, check_files, prepare};
 use mluc_evaluate::EvaluateError;
-use std::collections::btree_map::Entry;
+use std::{collections::btree_map::Entry, path::PathBuf};
 
-/// Takes every step whose outcome is not there yet, then writes the report. What is done stays where a step fails.
-pub fn run(options: &Options, screen: &dyn Screen) -> Result<()> {
+/// Takes every step whose outcome is not there yet, then writes the report and tells its path. What is done stays where a step fails.
+pub fn run(options: &Options, screen: &dyn Screen) -> Result<PathBuf> {
     // What would stop the report is looked at first: hours lie between.
+    if !options.real.is_empty() && !options.settings().contains(&Setting::SimKitti) {
+        let what = "--real: expected --setting kitti or both settings, found others";
+        return Err(EvaluateError::Input(what.to_owned()));
+    }
     for folder in &options.real {
         check_files(&Dataset::open(folder)?)?;
     }
@@ -21,7 +25,7 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<()> {
             check_files(&of.splits.open(&of.split)?)?;
         }
     }
-    let out = &options.layout.out;
+    let out = &options.layout().out;
     std::fs::create_dir_all(out).map_err(|e| EvaluateError::file(out, e))?;
     let mut tests = Tests::new();
     for (index, step) in plan.iter().enumerate() {
@@ -34,7 +38,7 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<()> {
         screen.step(index + 1, plan.len(), &step.name());
         take(options, step, &mut tests, screen)?;
     }
-    for &setting in &options.settings {
+    for setting in options.settings() {
         test_frames(&mut tests, options, setting)?;
     }
     write_report(options, &tests, screen)
@@ -65,7 +69,7 @@ fn is_done(options: &Options, step: &Step) -> Result<bool> {
         }
         // Nothing can be judged where nothing was and will be trained.
         Work::Evaluate(run) => {
-            let folder = options.layout.run_of(*run);
+            let folder = options.layout().run_of(*run);
             Ok(!options.train && run_state(&folder)? == RunState::Missing)
         }
     }
@@ -87,7 +91,7 @@ fn take(options: &Options, step: &Step, tests: &mut Tests, screen: &dyn Screen) 
             training.run(&options.program)
         }
         Work::Evaluate(run) => {
-            let folder = options.layout.run_of(*run);
+            let folder = options.layout().run_of(*run);
             match run_state(&folder)? {
                 RunState::Missing => return Ok(()),
                 RunState::Unfinished { step, steps } => screen.note(&format!(
@@ -97,7 +101,7 @@ fn take(options: &Options, step: &Step, tests: &mut Tests, screen: &dyn Screen) 
                 RunState::Done => {}
             }
             let test = test_frames(tests, options, step.setting)?;
-            evaluate_network(&options.layout, test, *run, screen)
+            evaluate_network(&options.layout(), test, *run, screen)
         }
     }
 }

@@ -5,13 +5,16 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 
 /// What the tables are made on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Setting {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
+pub(crate) enum Setting {
     /// Simulated industrial park, all around: knowns car, pedestrian, cyclist, truck; unknown golf cart, forklift.
+    #[value(name = "udi")]
     SimUdi,
     /// Simulated streets, ahead: knowns car, pedestrian, cyclist; unknown van, truck.
+    #[value(name = "kitti")]
     SimKitti,
     /// KITTI's object benchmark, where a user has it; classes as `SimKitti`.
+    #[value(skip)]
     Kitti,
 }
 
@@ -22,7 +25,7 @@ impl Setting {
     }
 
     /// The trainer's name of its classes and range.
-    pub fn trainer_name(self) -> &'static str {
+    pub(crate) fn trainer_name(self) -> &'static str {
         ["udi", "kitti", "kitti"][self as usize]
     }
 
@@ -34,7 +37,7 @@ impl Setting {
 
 /// Size of the plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Size {
+pub(crate) enum Size {
     /// Figures that mean something: hours on two cores.
     Full,
     /// The whole way in twelve minutes on two cores; the figures mean little.
@@ -69,7 +72,7 @@ pub(crate) struct Sizes {
 
 impl Size {
     /// Name on the command line and in the report.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         ["full", "quick", "smoke"][self as usize]
     }
 

@@ -3,8 +3,8 @@
 //! `velodyne/*.bin` (x, y, z, intensity as little-endian f32), `label_2/*.txt`, `calib/*.txt`, `planes/*.txt`, `instances/*.u16` (little-endian, one a point)
 //! and `ImageSets/SPLIT.txt`; sequences also `poses.txt` (x, y, z, yaw of the sensor in the frame of the sequence's first scan) and `timestamps.txt`.
 
-use super::{Class, Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Split};
-use super::{Shown, Step, Stream, Turn, drawn::rays, labels::calibration, turn};
+use super::{Class, Family, SimulateError, SimulatedFrame, SimulatedObject, Split};
+use super::{Step, drawn::rays, labels::calibration, simulated};
 use clap::Parser;
 use mluc_dataset::{DatasetError, Label, make_folders, scan_bytes, write_file};
 use mluc_geometry::{Calibration, limit_period};
@@ -43,9 +43,6 @@ pub struct ExportOptions {
     /// point's time, s after that end, which timestamps.txt and poses.txt tell.
     #[arg(long, requires = "sequence")]
     pub moving: bool,
-    /// Steps towards recorded scans: all of them, unless what they are worth is measured.
-    #[arg(skip = Realism::FULL)]
-    pub realism: Realism,
     /// Put objects among the known ones that are made up of them, resized and joined, labelled Synthetic_unknown: what
     /// `metric-open` and `mluc-full` learn the unknown from. For --split train alone.
     #[arg(long)]
@@ -54,14 +51,19 @@ pub struct ExportOptions {
     #[arg(long)]
     pub unseen: bool,
     /// Classes that stand in every split, train too, beside the family's known ones: van, truck, golf_cart, forklift.
-    #[arg(long = "known", value_delimiter = ',', value_name = "CLASS,..")]
-    pub also_known: Vec<Class>,
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
+    pub known: Vec<Class>,
     /// Write part I (0 to N-1) of N alone, for job arrays: every Nth frame. The parts' folders, copied into one, are the whole data set, bit for bit.
     #[arg(long, value_name = "I/N", value_parser = shard, conflicts_with = "sequence")]
     pub shard: Option<[u32; 2]>,
     /// Folder to write; must be new or empty.
     #[arg(long = "out")]
     pub folder: PathBuf,
+    /// Leave out kinds of background, to measure what they are worth (comma separated): confusers (things of a car's size that are none), frontage,
+    /// furniture, vegetation; of sim-any street and weather too. Not for training a model that is to be used.
+    #[arg(long, value_enum, hide_possible_values = true)]
+    #[arg(value_delimiter = ',', value_name = "STEP,..")]
+    pub without: Vec<Step>,
     /// Go on where the same export was interrupted: frames that are there stay.
     #[arg(skip)]
     pub resume: bool,
@@ -103,7 +105,7 @@ impl ExportOptions {
             Step::Weather => is_any && self.sequence.is_none(),
             _ => true,
         };
-        let is_idle = |step: &Step| !self.realism.has(*step) && !applies(step);
+        let is_idle = |step: &Step| !self.has(*step) && !applies(step);
         if let Some(step) = Step::ALL.into_iter().find(is_idle) {
             let steps = Step::ALL.into_iter().filter(applies).map(Step::name);
             let steps: Vec<&str> = steps.collect();
@@ -132,6 +134,18 @@ impl ExportOptions {
             }
         }
         Ok(())
+    }
+
+    /// Whether this kind of background stands in the scenes.
+    pub fn has(&self, step: Step) -> bool {
+        !self.without.contains(&step)
+    }
+
+    /// Classes that are known beside the family's, each once.
+    pub(crate) fn also_known(&self) -> impl Iterator<Item = Class> {
+        let of_family = self.family.known_classes();
+        let is_also = |class: &Class| self.known.contains(class) && !of_family.contains(class);
+        Class::REAL.into_iter().filter(is_also)
     }
 
     /// The frames of the part, or all.
@@ -178,30 +192,6 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
     let list = format!("ImageSets/{}.txt", options.split.name());
     let list = options.folder.join(list);
     Ok(write_file(&list, names.as_bytes())?)
-}
-
-fn simulated(options: &ExportOptions, index: u32) -> Result<Shown, SimulateError> {
-    let known = options.family.known_classes();
-    let is_also = |class| options.also_known.contains(&class) && !known.contains(&class);
-    let stream = Stream {
-        family: options.family,
-        split: options.split,
-        seed: options.seed,
-        realism: options.realism,
-        synthetic_unknown: options.synthetic_unknown,
-        unseen: options.unseen,
-        also_known: Class::REAL.map(is_also),
-    };
-    let sensors = [options.sensor.as_ref(), options.scanned_by.as_deref()];
-    let Some(steps) = options.sequence else {
-        return turn(stream, sensors, index, None);
-    };
-    let part = Some(Turn {
-        step: index % steps,
-        steps,
-        moves: options.moving,
-    });
-    turn(stream, sensors, index / steps, part)
 }
 
 /// Poses and stamps of sequences. Another sequence is another place: it lies a kilometre further, so that nothing is found again.

@@ -8,7 +8,7 @@ pub(crate) mod places;
 use super::ground::{Ground, Place};
 use super::objects::{Habit, Model, build, mean_size_m};
 use super::synthetic_unknown::{has_known_size, is_large};
-use super::{Class, Family, Split, Stream, Unseen};
+use super::{Class, ExportOptions, Family, Split, Unseen};
 use super::{footprint::Footprint, random::Dice};
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
@@ -21,7 +21,7 @@ pub(crate) struct Placed {
 
 /// Everything that takes ground, and the objects among it.
 pub(crate) struct Layout<'a> {
-    pub(crate) stream: Stream,
+    pub(crate) options: &'a ExportOptions,
     pub(crate) ground: &'a Ground,
     pub(crate) taken: Vec<Footprint>,
     pub(crate) placed: Vec<Placed>,
@@ -43,14 +43,14 @@ const ATTEMPTS_PER_RANGE: usize = 16;
 
 /// Places the objects of one frame around the sensor's own vehicle; unknown classes only where the split allows them.
 pub(crate) fn place_objects<'a>(
-    stream: Stream,
+    options: &'a ExportOptions,
     ground: &'a Ground,
     own: Footprint,
     dice: &mut Dice,
 ) -> Layout<'a> {
-    let Stream { family, split, .. } = stream;
+    let (family, split) = (options.family, options.split);
     let mut layout = Layout {
-        stream,
+        options,
         ground,
         taken: vec![own],
         placed: Vec::new(),
@@ -63,17 +63,17 @@ pub(crate) fn place_objects<'a>(
     let mut wanted = Vec::new();
     if split != Split::Train {
         let unknown = match ground.place {
-            _ if stream.unseen => Unseen::of(split).map(Class::Unseen).collect(),
+            _ if options.unseen => Unseen::of(split).map(Class::Unseen).collect(),
             Place::Hall => vec![Class::Forklift, Class::GolfCart],
             _ => family.unknown_classes().to_vec(),
         };
         wanted.extend((0..dice.events(0.6)).map(|_| unknown[dice.whole(0, unknown.len() - 1)]));
     }
-    if stream.synthetic_unknown {
+    if options.synthetic_unknown {
         let count = dice.whole(1, SYNTHETIC_UNKNOWN_MAX);
         wanted.extend(std::iter::repeat_n(Class::SyntheticUnknown, count));
     }
-    for class in stream.also_known() {
+    for class in options.also_known() {
         wanted.extend((0..dice.events(ALSO_KNOWN)).map(|_| class));
     }
     let knowns = [Class::Car, Class::Pedestrian, Class::Cyclist, Class::Truck];
@@ -96,14 +96,14 @@ pub(crate) fn place_objects<'a>(
 
 impl Layout<'_> {
     fn model(&self, class: Class, dice: &mut Dice) -> Model {
-        let family = self.stream.family;
+        let family = self.options.family;
         let mut model = build(class, family, dice);
         if class == Class::SyntheticUnknown {
             // Not of the size of what is known beside the family's classes either.
-            let sizes = self.stream.also_known().map(|c| mean_size_m(c, family));
+            let sizes = self.options.also_known().map(|c| mean_size_m(c, family));
             let sizes: Vec<_> = sizes.map(|m| m.to_array().map(f64::from)).collect();
             let size = |m: &Model| m.size_m().to_array().map(f64::from);
-            let mut also_known = self.stream.also_known();
+            let mut also_known = self.options.also_known();
             let has_large = also_known.any(|c| matches!(c, Class::Van | Class::Truck));
             for _ in 0..ATTEMPTS {
                 let size_m = size(&model);
@@ -133,7 +133,7 @@ impl Layout<'_> {
         };
         let mut last = (pose, model.size_m().x);
         self.put(class, model, pose);
-        let Stream { family, split, .. } = self.stream;
+        let (family, split) = (self.options.family, self.options.split);
         let is_across = self.is_across(pose.2);
         let company = match class {
             // Rows stand in bays; who drives through a lane is alone.
@@ -204,11 +204,11 @@ impl Layout<'_> {
 
     fn fits(&self, model: &Model, pose: Pose, dice: &mut Dice) -> bool {
         let (x, y, yaw) = pose;
-        let inside = match self.stream.family {
+        let inside = match self.options.family {
             Family::SimUdi => x.abs() < 50.0 && y.abs() < 50.0,
             // As far as the network looks; the trainer mirrors what is ahead.
             Family::SimAny => {
-                let is_train = self.stream.split == Split::Train;
+                let is_train = self.options.split == Split::Train;
                 let behind_m = if is_train { 69.0 } else { 50.0 };
                 x > -behind_m && x < 69.0 && y.abs() < 50.0
             }
@@ -246,7 +246,7 @@ impl Layout<'_> {
         if along == 0.0 && w.abs() > 1.3 * range {
             return None;
         }
-        let forward = match self.stream.family {
+        let forward = match self.options.family {
             Family::SimKitti => 1.0,
             Family::SimUdi | Family::SimAny => dice.sign(),
         };
@@ -256,14 +256,14 @@ impl Layout<'_> {
 
     fn vehicle(&self, class: Class, range: f32, dice: &mut Dice) -> Option<Pose> {
         let g = self.ground;
-        let is_car = self.stream.family == Family::SimAny && class == Class::Car;
+        let is_car = self.options.family == Family::SimAny && class == Class::Car;
         if is_car && dice.chance(OWN_LANE_CHANCE) {
             // Who drives ahead is seen from behind alone, who follows from ahead.
             let across = g.lane_m + dice.normal(0.0, 0.25);
             return self.at(across, range, dice.normal(0.0, 0.03), dice);
         }
         let side = dice.sign();
-        if is_car && self.stream.split == Split::Train && dice.chance(KERB_BAY_CHANCE) {
+        if is_car && self.options.split == Split::Train && dice.chance(KERB_BAY_CHANCE) {
             // Of most cars of such a row a front or a rear alone is seen, at a flat angle.
             let slant = if dice.chance(0.7) {
                 FRAC_PI_2
@@ -352,7 +352,7 @@ impl Layout<'_> {
 
     /// Any azimuth, any heading.
     fn anywhere(&self, class: Class, range: f32, dice: &mut Dice) -> Pose {
-        let azimuth = match self.stream.family {
+        let azimuth = match self.options.family {
             Family::SimUdi | Family::SimAny => dice.spread(PI),
             Family::SimKitti => dice.spread(0.75),
         };

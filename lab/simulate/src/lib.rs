@@ -28,12 +28,13 @@ pub mod synthetic_unknown;
 pub use drawn::rays;
 pub use export::{ExportOptions, export};
 pub use mluc_sources::shard;
-pub use realism::{Realism, Step};
+pub use realism::Step;
 
 use mluc_dataset::{DatasetError, SYNTHETIC_UNKNOWN};
 use mluc_geometry::{Box3, CalibrationError};
 use mluc_model::SensorProfile;
 use random::Dice;
+use std::path::PathBuf;
 
 /// What can go wrong while simulating or writing.
 #[derive(Debug, thiserror::Error)]
@@ -221,41 +222,6 @@ pub struct SimulatedFrame {
     pub plane: [f64; 4],
 }
 
-/// What frames are drawn from.
-#[derive(Clone, Copy, Debug)]
-struct Stream {
-    family: Family,
-    split: Split,
-    seed: u64,
-    realism: Realism,
-    /// Whether synthetic unknown objects stand among the known ones.
-    synthetic_unknown: bool,
-    /// Whether the unseen classes of the split take the place of the family's unknown ones.
-    unseen: bool,
-    /// In the order of `Class::REAL`: known too, beside the family's.
-    also_known: [bool; Class::REAL.len()],
-}
-
-impl Stream {
-    fn full(family: Family, split: Split, seed: u64) -> Stream {
-        Stream {
-            family,
-            split,
-            seed,
-            realism: Realism::FULL,
-            synthetic_unknown: false,
-            unseen: false,
-            also_known: Default::default(),
-        }
-    }
-
-    /// Classes that are known beside the family's.
-    fn also_known(&self) -> impl Iterator<Item = Class> {
-        let classes = Class::REAL.into_iter().zip(self.also_known);
-        classes.filter_map(|(class, is_also)| is_also.then_some(class))
-    }
-}
-
 /// Where in a sequence a frame stands: the scene of one frame, through which the sensor drives while half of the objects move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Turn {
@@ -275,22 +241,26 @@ pub fn frame(
     index: u32,
     sensor: Option<&SensorProfile>,
 ) -> Result<SimulatedFrame, SimulateError> {
-    let stream = Stream::full(family, split, seed);
-    Ok(turn(stream, [sensor, None], index, None)?.0)
+    let options = ExportOptions::new(family, split, 1, seed, PathBuf::new());
+    let sensor = sensor.cloned();
+    Ok(simulated(&ExportOptions { sensor, ..options }, index)?.0)
 }
 
 /// A frame, and where the sensor is in the sensor frame of the sequence's first (x, y, z, m; its heading stays).
 type Shown = (SimulatedFrame, [f64; 3]);
 
-/// `sensor` is mounted, and scans unless `by` takes its place.
-fn turn(
-    stream: Stream,
-    [sensor, by]: [Option<&SensorProfile>; 2],
-    index: u32,
-    turn: Option<Turn>,
-) -> Result<Shown, SimulateError> {
-    let Stream { family, split, .. } = stream;
-    let key = random::hash(&[stream.seed, family as u64, split as u64, u64::from(index)]);
+/// The frame of this number in the data set. Its sensor is mounted, and scans unless `scanned_by` takes its place.
+fn simulated(options: &ExportOptions, number: u32) -> Result<Shown, SimulateError> {
+    let (family, split, seed) = (options.family, options.split, options.seed);
+    let turn = options.sequence.map(|steps| Turn {
+        step: number % steps,
+        steps,
+        moves: options.moving,
+    });
+    // Of the scene.
+    let index = number / options.sequence.unwrap_or(1);
+    let (sensor, by) = (options.sensor.as_ref(), options.scanned_by.as_deref());
+    let key = random::hash(&[seed, family as u64, split as u64, u64::from(index)]);
     let dice = |stage: u64| Dice::new(&[key, stage]);
     let any = || (family == Family::SimAny).then(|| drawn::sensor(&mut dice(7)));
     let profile = sensor.cloned().or_else(any);
@@ -300,11 +270,11 @@ fn turn(
     let on_vehicle = profile.as_ref().filter(|_| family == Family::SimAny);
     let ego = on_vehicle.map(|profile| ego::Ego::draw(profile, &ground, &mut dice(9)));
     let own_ground = ego.as_ref().map_or(ego::CAR, |ego| ego.footprint);
-    let mut layout = layout::place_objects(stream, &ground, own_ground, &mut dice(2));
+    let mut layout = layout::place_objects(options, &ground, own_ground, &mut dice(2));
     let mut scene = scene::Scene::default();
     scene.add(&ground.mesh(family, &mut dice(3)), 0, |p| p);
     background::fill(&mut layout, &mut scene, &mut dice(4));
-    if family == Family::SimAny && turn.is_none() && stream.realism.has(Step::Weather) {
+    if family == Family::SimAny && turn.is_none() && options.has(Step::Weather) {
         background::weather(&mut layout, &mut scene, &mut dice(11));
     }
     let sensor_key = random::hash(&[key, 5]);

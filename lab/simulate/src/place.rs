@@ -68,8 +68,8 @@ pub(crate) fn besides_streets(sensor_height_m: f32, dice: &mut Dice) -> Option<P
 #[cfg(test)]
 mod tests {
     use super::super::background::Thing::{self, *};
-    use super::super::{Class, Family, Realism, SimulatedFrame, Split, Step, Stream, random, turn};
-    use super::super::{ground::Ground, labels::UNLABELLED};
+    use super::super::{Class, ExportOptions, Family, SimulatedFrame, Split, Step};
+    use super::super::{ground::Ground, labels::UNLABELLED, random, simulated};
     use super::*;
     use mluc_model::SensorProfile;
 
@@ -86,10 +86,12 @@ mod tests {
     }
 
     fn shown(index: u32, left_out: &[Step]) -> SimulatedFrame {
-        let mut stream = Stream::full(Family::SimAny, Split::Train, 1);
-        stream.realism = Realism::without(left_out);
-        let shown = turn(stream, [Some(&sensor()), None], index, None);
-        shown.expect("a frame").0
+        let options = ExportOptions {
+            sensor: Some(sensor()),
+            without: left_out.to_vec(),
+            ..ExportOptions::new(Family::SimAny, Split::Train, 1, 1, "".into())
+        };
+        simulated(&options, index).expect("a frame").0
     }
 
     /// The first frames of a place.

@@ -1,9 +1,7 @@
 //! What stands around the objects of simulated scans, by kind. Each kind can be left out, to measure what it is worth.
 
-use std::fmt;
-
 /// One step from a plain scene to these ones.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Step {
     /// Things of a car's size that are none. Without: their place stays empty, as for each of the next four.
     Confusers,
@@ -33,41 +31,6 @@ impl Step {
     }
 }
 
-/// Which steps are taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Realism([bool; Step::ALL.len()]);
-
-impl Realism {
-    /// Every step: the simulator as it is meant to be.
-    pub const FULL: Realism = Realism([true; Step::ALL.len()]);
-
-    /// All but these.
-    pub fn without(steps: &[Step]) -> Realism {
-        let mut taken = Realism::FULL;
-        for step in steps {
-            taken.0[*step as usize] = false;
-        }
-        taken
-    }
-
-    /// Whether the step is taken.
-    pub fn has(self, step: Step) -> bool {
-        self.0[step as usize]
-    }
-}
-
-/// What is left out, for a person: nothing, or ` without frontage, furniture`.
-impl fmt::Display for Realism {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let left_out = Step::ALL.into_iter().filter(|step| !self.has(*step));
-        let names: Vec<&str> = left_out.map(Step::name).collect();
-        if names.is_empty() {
-            return Ok(());
-        }
-        write!(f, " without {}", names.join(", "))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::*;
@@ -80,9 +43,9 @@ mod tests {
     }
 
     fn frame_of(family: Family, steps: &[Step], index: u32) -> SimulatedFrame {
-        let mut stream = Stream::full(family, Split::Train, 1);
-        stream.realism = Realism::without(steps);
-        turn(stream, [None; 2], index, None).expect("a frame").0
+        let mut options = ExportOptions::new(family, Split::Train, 1, 1, "".into());
+        options.without = steps.to_vec();
+        simulated(&options, index).expect("a frame").0
     }
 
     fn bits(point: &[f32; 4]) -> [u32; 4] {

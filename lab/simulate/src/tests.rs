@@ -105,7 +105,7 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads_and_in_parts() {
     let words = "expected an empty or a new folder";
     assert!(refused.contains(words), "{refused}");
     // The roads of KITTI are dry.
-    (again.family, again.realism) = (Family::SimKitti, Realism::without(&[Step::Weather]));
+    (again.family, again.without) = (Family::SimKitti, vec![Step::Weather]);
     let refused = export(&again, || ()).expect_err("weather").to_string();
     assert!(refused.contains("vegetation), found weather"), "{refused}");
 }
@@ -251,9 +251,11 @@ fn a_pair_shows_the_same_objects() {
         sensor.azimuth_step_deg = 0.8;
         sensor
     });
-    let stream = Stream::full(Family::SimAny, Split::Train, 3);
-    let shown = |by| turn(stream, [Some(&thin), by], 2, None).expect("a frame").0;
-    let (one, other) = (shown(None), shown(Some(&dense)));
+    let mut options = ExportOptions::new(Family::SimAny, Split::Train, 1, 3, "".into());
+    options.sensor = Some(thin);
+    let one = simulated(&options, 2).expect("a frame").0;
+    options.scanned_by = Some(Box::new(dense));
+    let other = simulated(&options, 2).expect("a frame").0;
     assert!(other.points.len() > 2 * one.points.len());
     // The sensor moves, and the label of an object lies with the points that the scan has of it.
     let places = |frame: &SimulatedFrame| -> Vec<V3> {
@@ -339,14 +341,14 @@ fn every_object_of_a_frame_is_labelled_with_its_own_points() {
 
 /// Classes and footprints of a frame, without casting a ray.
 fn objects_of(family: Family, split: Split, index: u32) -> Vec<layout::Placed> {
-    objects_in(Stream::full(family, split, 1), index)
+    objects_in(&ExportOptions::new(family, split, 1, 1, "".into()), index)
 }
 
-fn objects_in(stream: Stream, index: u32) -> Vec<layout::Placed> {
-    let Stream { family, split, .. } = stream;
+fn objects_in(options: &ExportOptions, index: u32) -> Vec<layout::Placed> {
+    let (family, split) = (options.family, options.split);
     let key = random::hash(&[1, family as u64, split as u64, u64::from(index)]);
     let ground = ground::Ground::draw(family, None, &mut Dice::new(&[key, 1]));
-    layout::place_objects(stream, &ground, ego::CAR, &mut Dice::new(&[key, 2])).placed
+    layout::place_objects(options, &ground, ego::CAR, &mut Dice::new(&[key, 2])).placed
 }
 
 #[test]
@@ -365,9 +367,9 @@ fn training_never_shows_an_unknown_class_and_validation_does() {
 
 #[test]
 fn classes_that_are_also_known_stand_in_training() {
-    let mut stream = Stream::full(Family::SimAny, Split::Train, 1);
-    stream.also_known = Class::REAL.map(|class| class == Class::Forklift);
-    let all = (0..200).flat_map(|index| objects_in(stream, index));
+    let mut options = ExportOptions::new(Family::SimAny, Split::Train, 1, 1, "".into());
+    options.known = vec![Class::Forklift];
+    let all = (0..200).flat_map(|index| objects_in(&options, index));
     let all: Vec<Class> = all.map(|object| object.class).collect();
     let count = |class| all.iter().filter(|c| **c == class).count();
     assert!(count(Class::Forklift) > 200, "{}", count(Class::Forklift));
@@ -378,9 +380,9 @@ fn classes_that_are_also_known_stand_in_training() {
 fn unseen_classes_stand_in_one_split_and_never_in_training() {
     for family in Family::ALL {
         for split in [Split::Val, Split::Test] {
-            let mut stream = Stream::full(family, split, 1);
-            stream.unseen = true;
-            let all = (0..400).flat_map(|index| objects_in(stream, index));
+            let mut options = ExportOptions::new(family, split, 1, 1, "".into());
+            options.unseen = true;
+            let all = (0..400).flat_map(|index| objects_in(&options, index));
             let mut shown: Vec<Class> = all.map(|object| object.class).collect();
             shown.retain(|class| !family.known_classes().contains(class));
             let count = shown.len();
@@ -419,9 +421,9 @@ fn an_export_goes_on_where_it_was_interrupted() {
 #[test]
 fn synthetic_unknown_objects_are_labelled_and_bring_no_unknown_class() {
     for family in Family::ALL {
-        let mut stream = Stream::full(family, Split::Train, 1);
-        stream.synthetic_unknown = true;
-        let frames = (0..4).map(|index| turn(stream, [None; 2], index, None).expect("a frame").0);
+        let mut options = ExportOptions::new(family, Split::Train, 1, 1, "".into());
+        options.synthetic_unknown = true;
+        let frames = (0..4).map(|index| simulated(&options, index).expect("a frame").0);
         let objects: Vec<SimulatedObject> = frames.flat_map(|frame| frame.objects).collect();
         let is_synthetic = |o: &&SimulatedObject| o.class == Class::SyntheticUnknown;
         let (count, synthetic) = (objects.len(), objects.iter().filter(is_synthetic).count());
@@ -483,13 +485,9 @@ fn labels_of_sim_udi_carry_the_level_of_their_points() {
 #[test]
 fn a_sequence_shows_the_same_scene_from_a_moving_sensor() {
     let (family, split, seed, steps) = (Family::SimUdi, Split::Test, 3, 10);
-    let stream = Stream::full(family, split, seed);
-    let part = |step, steps| Turn {
-        step,
-        steps,
-        moves: false,
-    };
-    let shown = |index, step| turn(stream, [None; 2], index, Some(part(step, steps))).unwrap();
+    let mut options = ExportOptions::new(family, split, 1, seed, "".into());
+    options.sequence = Some(steps);
+    let shown = |index, step| simulated(&options, steps * index + step).unwrap();
     // The first turn is at the place, and with the objects, of the frame without a sequence.
     let (first, start) = shown(0, 0);
     assert_eq!(start, [0.0; 3]);
@@ -522,9 +520,14 @@ fn a_sequence_shows_the_same_scene_from_a_moving_sensor() {
     assert!(still > 10, "{still} objects stood still");
     // The longest sequence stays on the ground, where nothing is in the way either.
     let ground = ground::Ground::draw(family, None, &mut Dice::new(&[1]));
-    let mut empty = layout::place_objects(stream, &ground, ego::CAR, &mut Dice::new(&[2]));
+    let mut empty = layout::place_objects(&options, &ground, ego::CAR, &mut Dice::new(&[2]));
     (empty.taken, empty.placed) = (vec![ego::CAR], vec![]);
-    let drive = |key| drive::drive(&mut empty, part(99, 100), &mut Dice::new(&[key]))[0];
+    let last = Turn {
+        step: 99,
+        steps: 100,
+        moves: false,
+    };
+    let drive = |key| drive::drive(&mut empty, last, &mut Dice::new(&[key]))[0];
     let ways_m = (0..20).map(drive).map(|at| at.x.hypot(at.y));
     let farthest_m = ways_m.fold(0.0, f32::max);
     assert!((50.0..60.0).contains(&farthest_m), "{farthest_m}");

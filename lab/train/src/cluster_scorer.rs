@@ -4,6 +4,7 @@
 //! Sizes are varied while it is fitted, so that it learns bodies against walls and leaves rather than sizes. Extension of the paper.
 
 use mluc_backbone::Precision;
+use mluc_dataset::Label;
 use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, ModelGate, detect_frames};
 use mluc_geometry::{Box3, Random, intersection_over_min_area, iou_3d};
 use mluc_ipc_types::Object;
@@ -59,10 +60,15 @@ fn proposed(
     classes: &[String],
 ) -> Result<Vec<Example>, TrainError> {
     let calibration = &frame.truth.calibration;
-    let labels = frame.truth.labels.iter();
-    let labels = labels.filter(|label| stands_for_unknown(label, classes));
-    let in_sensor = labels.map(|label| calibration.box_in_sensor_from_label(&label.camera_box));
-    let synthetic: Vec<Box3> = in_sensor.collect();
+    let in_sensor = |label: &Label| calibration.box_in_sensor_from_label(&label.camera_box);
+    let (mut synthetic, mut others) = (vec![], vec![]);
+    for label in frame.truth.labels.iter() {
+        if stands_for_unknown(label, classes) {
+            synthetic.push(in_sensor(label));
+        } else if !label.is_dont_care() && !classes.iter().any(|class| label.is(class)) {
+            others.push(in_sensor(label));
+        }
+    }
     let mut refined = RefinerOutput::default();
     let gated = frame.gated(ModelGate::Known, 1.0 - UNKNOWN_MIN);
     refiner.refine(number as u64, &set.points(number)?, &gated, &mut refined);
@@ -70,12 +76,12 @@ fn proposed(
     let example = |(object, measures): (&Object, &Option<Measures>)| {
         let measures = measures.as_ref().filter(|_| object.is_published())?;
         let shape = Box3::from_f32(object.center_m, object.size_m, object.yaw_rad);
-        let most = |overlap: fn(&Box3, &Box3) -> f64| {
-            let overlaps = synthetic.iter().map(|bounds| overlap(&shape, bounds));
-            overlaps.fold(0.0, f64::max)
-        };
-        let is_object = most(iou_3d) > IOU_ON;
-        let is_nothing = most(intersection_over_min_area) < SHARE_OFF;
+        let is_object = synthetic
+            .iter()
+            .any(|bounds| iou_3d(&shape, bounds) > IOU_ON);
+        // What is labelled, but neither learned nor unknown, teaches nothing.
+        let is_off = |bounds: &Box3| intersection_over_min_area(&shape, bounds) < SHARE_OFF;
+        let is_nothing = synthetic.iter().chain(&others).all(is_off);
         (is_object || is_nothing).then(|| (features(measures), is_object))
     };
     Ok(objects.filter_map(example).collect())

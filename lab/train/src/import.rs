@@ -29,7 +29,8 @@ pub(crate) fn start_from(
 ) -> Result<String, TrainError> {
     let path = model_path(path);
     let model = Model::read(&path)?;
-    let mut fresh = take_trunk(&model.weights, trainer);
+    let is_alike = model.manifest.network.input == manifest.network.input;
+    let mut fresh = take_trunk(&model.weights, trainer, is_alike);
     let taken_layers = trainer.chain.layers().count() - fresh.len();
     let (mut taken, mut rows) = (0, 0);
     let source = rows_of(&model);
@@ -62,14 +63,15 @@ pub(crate) fn start_from(
     ))
 }
 
-/// Copies the layers of the same name and shape; returns the names of the others.
-fn take_trunk(weights: &WeightSet, trainer: &mut Trainer) -> Vec<String> {
+/// Copies the layers of the same name and shape, the first one where voxels tell the same; returns the names of the others.
+fn take_trunk(weights: &WeightSet, trainer: &mut Trainer, is_alike: bool) -> Vec<String> {
     let (chain, state) = (&trainer.chain, &mut trainer.state);
     let mut fresh = vec![];
-    for layer in chain.layers() {
+    for (number, layer) in chain.layers().enumerate() {
         let tensor = |part: &str, count: usize| {
             let found = weights.find(&format!("{}.{part}", layer.name));
-            found.map(|t| &t.data).filter(|data| data.len() == count)
+            let fits = |data: &&Vec<f32>| data.len() == count && (number > 0 || is_alike);
+            found.map(|t| &t.data).filter(fits)
         };
         let parts = ["bn.weight", "bn.bias", "bn.running_mean", "bn.running_var"];
         let norm = parts.map(|part| tensor(part, layer.channels));

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use mluc_backbone::Backbone;
 use mluc_geometry::{Inside, Random};
-use mluc_model::{HeadKind, Model, model_bytes};
+use mluc_model::{HeadKind, Model, VoxelInput, model_bytes};
 
 use crate::embedding::{FrameFeatures, PointEmbedding};
 use crate::error::{TrainError, diverged, refused};
@@ -85,7 +85,8 @@ fn fit(
         dataset: check::training_split(settings)?,
         classes: manifest.class_names(),
         takes_synthetic_unknown: false,
-        input: manifest.network.input,
+        // The backbone looks for the ground itself.
+        input: VoxelInput::Absolute,
     };
     check::points(&source, settings)?;
     let mut backbone = Backbone::new(manifest, &model.weights)?;

@@ -149,7 +149,8 @@ impl TrainSettings {
     pub fn accepted_classes(&self) -> Vec<String> {
         let heard = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES);
         let heard = heard.map(|name| (*name).to_owned());
-        heard.chain(self.ignored_classes.iter().cloned()).collect()
+        let own = self.ignored_classes.iter().chain(&self.known);
+        heard.chain(own.cloned()).collect()
     }
 
     /// The manifest before training: what the data decides is filled in later.

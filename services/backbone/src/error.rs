@@ -18,9 +18,6 @@ pub enum BackboneError {
         expected: usize,
         found: usize,
     },
-    /// Not the name of a precision.
-    #[error("precision: auto, f32, bf16 or int8 expected, found `{found}`")]
-    Precision { found: String },
     /// Int8 needs to know how large values get.
     #[error(
         "precision int8: a model with a calibration expected, found none; make one with `mluc-lab quantize --model FILE \

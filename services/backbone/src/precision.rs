@@ -3,8 +3,6 @@
 use mluc_kernels::{Bf16, Element, Tiled};
 use serde::{Deserialize, Serialize};
 
-use crate::error::BackboneError;
-
 /// What rows and weights hold between the first layer and the feature rows.
 ///
 /// The first sparse layer reads coordinates in m, of which bf16 would keep 8 bits: it is computed in f32, and the feature rows leave as f32.
@@ -41,16 +39,6 @@ impl Precision {
 impl std::fmt::Display for Precision {
     fn fmt(&self, to: &mut std::fmt::Formatter) -> std::fmt::Result {
         to.write_str(self.name())
-    }
-}
-
-impl std::str::FromStr for Precision {
-    type Err = BackboneError;
-
-    fn from_str(name: &str) -> Result<Precision, BackboneError> {
-        let mut all = Precision::ALL.into_iter().chain([Precision::Auto]);
-        all.find(|precision| precision.name() == name)
-            .ok_or_else(|| BackboneError::Precision { found: name.into() })
     }
 }
 

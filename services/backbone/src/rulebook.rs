@@ -83,12 +83,7 @@ pub(crate) fn gather(layer: &SparseLayer, input: &Sites, output: &Sites, table: 
     table.index.resize(output.len() * table.taps, ABSENT);
     let rows = table.index.par_chunks_mut(ROWS_A_TASK * table.taps);
     rows.zip(output.coordinates().par_chunks(ROWS_A_TASK))
-        .for_each(|(rows, sites)| {
-            at_best(
-                #[inline(always)]
-                || look_up(layer, input, sites, rows),
-            )
-        });
+        .for_each(|(rows, sites)| at_best!(look_up(layer, input, sites, rows)));
 }
 
 /// The taps of output sites, inlined down to the population count. Those in an x-row read the same x-rows of the input.

@@ -128,25 +128,21 @@ fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
 /// The address of each point's voxel.
 fn find(points: &[[f32; 4]], grid: &Grid, sites: &Sites, addresses: &mut [usize]) {
     let cells = grid.cells().map(|cells| cells as f32);
-    at_best(
-        #[inline(always)]
-        || {
-            for (point, address) in points.iter().zip(addresses) {
-                // Not below 0 where it is inside, so that the cast below is the floor.
-                let cell =
-                    [0, 1, 2].map(|i| (point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]);
-                let inside = |i: usize| (cell[i] >= 0.0) & (cell[i] < cells[i]);
-                let [x, y, z] = cell.map(|cell| cell as usize);
-                *address = if !point.iter().all(|value| value.is_finite()) {
-                    NON_FINITE
-                } else if inside(0) & inside(1) & inside(2) {
-                    sites.address(z, y, x)
-                } else {
-                    OUT_OF_RANGE
-                };
-            }
-        },
-    );
+    at_best!({
+        for (point, address) in points.iter().zip(addresses) {
+            // Not below 0 where it is inside, so that the cast below is the floor.
+            let cell = [0, 1, 2].map(|i| (point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]);
+            let inside = |i: usize| (cell[i] >= 0.0) & (cell[i] < cells[i]);
+            let [x, y, z] = cell.map(|cell| cell as usize);
+            *address = if !point.iter().all(|value| value.is_finite()) {
+                NON_FINITE
+            } else if inside(0) & inside(1) & inside(2) {
+                sites.address(z, y, x)
+            } else {
+                OUT_OF_RANGE
+            };
+        }
+    });
 }
 
 /// Fills the rows with the means.

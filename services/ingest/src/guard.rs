@@ -52,7 +52,7 @@ pub enum Reason {
     #[error("the same scan came {0} times, expected new ones: check the driver and the source")]
     Frozen(u32),
     /// Not the given sensor: beams, how far they are off (degrees, on average, or the ends of the vertical field), beams of the profile.
-    #[error("{} beams up to {:.1} degrees off those of the given sensor, expected its {}: give the right --sensor", .0, .1, .2)]
+    #[error("{} beams, {:.1} degrees off those of the given sensor, expected its {}: give the right --sensor", .0, .1, .2)]
     SensorBeams(u32, f32, u32),
     /// Beyond the given sensor's range: returns and range, m.
     #[error("returns {:.0} away, expected at most {:.0} m by the given sensor: if the coordinates are in feet, read them with --scale 0.3048", .0, .1)]

@@ -30,7 +30,10 @@ const KEPT_WITHIN: [f64; 2] = [2.0, 0.15];
 const KEPT_SCANS: u64 = 20;
 /// More scans missing than this are no gap: it begins anew.
 const GAP_MAX: u64 = 10;
-/// [`EgoPose::is_known`] of what was estimated: its frame of reference is another than the source's.
+/// So many scans in a row without the source's pose are bridged by its last motion, where it told the ones before.
+const UNTOLD_MAX: u64 = 2;
+/// [`EgoPose::is_known`] of what the source told and of what was estimated: their frames of reference differ.
+const TOLD: u32 = 1;
 const ESTIMATED: u32 = 2;
 /// Tiles of a scan that are laid over the other, at most, which bounds the work.
 const TILES_MAX: usize = 2000;
@@ -62,14 +65,16 @@ pub struct EgoEstimator {
     place: Vec<u32>,
     earlier_taken: Option<Taken>,
     last: Option<Taken>,
-    /// Of one scan, from the last match.
+    /// The source told it.
+    is_told: bool,
+    /// Of one scan, from the last match, or the source's last poses.
     step: Option<Isometry2<f64>>,
     /// The last scan did not match.
     has_missed: bool,
 }
 
 impl EgoEstimator {
-    /// Where the sensor is, in a frame that stands still while scans match; later scans are laid over the second in a row that does not. Of a frame without its scan, and of one
+    /// Where the sensor is: as the source tells it, or in a frame that stands still while scans match; later scans are laid over the second in a row that does not. Of a frame without its scan, and of one
     /// that does not match after one that did, the motion is taken to go on. None for the first scan, and for the second in a row that does not match.
     pub fn estimate(&mut self, header: &FrameHeader, scan: Option<&FrameIndex>) -> Option<EgoPose> {
         let (run, sequence) = (header.run_id, header.sequence);
@@ -80,22 +85,38 @@ impl EgoEstimator {
             let pose = known.map_or_else(Isometry2::identity, |last| last.pose);
             (0..gap.unwrap_or(0)).fold(pose, |pose, _| pose * step)
         };
-        let (Some(scan), false) = (scan, gap == Some(0)) else {
-            // Gone, or sent again.
-            return gap.and(self.step).map(|step| told(&after(&step)));
-        };
-        find_upright(scan, &mut self.now);
         let taken = |pose| Taken {
             run,
             sequence,
             pose,
         };
+        if header.ego.is_known == TOLD {
+            let [x, y, _] = header.ego.position_m;
+            let pose = Isometry2::new(Vector2::new(x, y), header.ego.yaw_rad);
+            if gap != Some(0) {
+                let before = known.zip(gap).filter(|_| self.is_told);
+                self.step = before.map(|(last, gap)| part(&last.pose, &pose, gap));
+                (self.last, self.is_told) = (Some(taken(pose)), true);
+            }
+            return Some(header.ego);
+        } else if let (Some(0..=UNTOLD_MAX), Some(step), true) = (gap, self.step, self.is_told) {
+            return Some(told(&after(&step), TOLD));
+        } else if std::mem::take(&mut self.is_told) {
+            (self.earlier_taken, self.last, self.step) = (None, None, None);
+            return self.estimate(header, scan);
+        }
+        let (Some(scan), false) = (scan, gap == Some(0)) else {
+            // Gone, or sent again.
+            return gap
+                .and(self.step)
+                .map(|step| told(&after(&step), ESTIMATED));
+        };
+        find_upright(scan, &mut self.now);
         if let (Some(last), Some(gap), Some(earlier)) = (known, gap, self.earlier_taken)
             && let Some(pose) = self.matched(&earlier, after)
         {
             self.has_missed = false;
-            let moved = last.pose.inverse() * pose;
-            self.step = Some(Isometry2::identity().lerp_slerp(&moved, 1.0 / gap as f64));
+            self.step = Some(part(&last.pose, &pose, gap));
             self.last = Some(taken(pose));
             let away = earlier.pose.inverse() * pose;
             let away = [away.translation.vector.norm(), away.rotation.angle().abs()];
@@ -103,13 +124,13 @@ impl EgoEstimator {
             if is_old || away[0] > KEPT_WITHIN[0] || away[1] > KEPT_WITHIN[1] {
                 self.begin(taken(pose));
             }
-            return Some(told(&pose));
+            return Some(told(&pose, ESTIMATED));
         }
         let is_second = std::mem::replace(&mut self.has_missed, true);
         if let (Some(step), false) = (gap.and(self.step), is_second) {
             let pose = after(&step);
             self.last = Some(taken(pose));
-            return Some(told(&pose));
+            return Some(told(&pose, ESTIMATED));
         }
         self.step = None;
         self.begin(taken(Isometry2::identity()));
@@ -231,12 +252,17 @@ fn tile(place: Vector2<f64>) -> usize {
     tile_of([place.x as f32, place.y as f32, 0.0]) as usize
 }
 
-fn told(pose: &Isometry2<f64>) -> EgoPose {
+/// One of so many equal steps.
+fn part(from: &Isometry2<f64>, to: &Isometry2<f64>, steps: u64) -> Isometry2<f64> {
+    Isometry2::identity().lerp_slerp(&(from.inverse() * to), 1.0 / steps as f64)
+}
+
+fn told(pose: &Isometry2<f64>, is_known: u32) -> EgoPose {
     let [x, y, yaw_rad] = vector(pose).into();
     EgoPose {
         position_m: [x, y, 0.0],
         yaw_rad,
-        is_known: ESTIMATED,
+        is_known,
         reserved: 0,
     }
 }
@@ -301,5 +327,25 @@ mod tests {
         assert_eq!(twice, [true, false], "twice is once too often");
         assert!(!is_told(7, 34, &scan) && is_told(7, 35, &scan));
         assert!(!is_told(8, 36, &scan), "another run");
+    }
+
+    #[test]
+    fn the_source_s_motion_goes_on_for_two_scans_that_it_does_not_tell() {
+        let mut estimator = EgoEstimator::default();
+        let empty = sorted(&[]);
+        let found = [1, 1, 0, 0, 1, 0, 0, 0, 1].into_iter().enumerate();
+        let found = found.map(|(at, is_known)| {
+            let mut header = header(7, at as u64);
+            header.ego.is_known = is_known;
+            header.ego.position_m[0] = at as f64 * f64::from(is_known);
+            estimator
+                .estimate(&header, Some(&empty))
+                .unwrap_or_default()
+        });
+        let found: Vec<_> = found.map(|ego| (ego.is_known, ego.position_m[0])).collect();
+        let told = |at: u32| (TOLD, f64::from(at));
+        let untold = (0, 0.0);
+        let expected = [0, 1, 2, 3, 4, 5, 6].map(told);
+        assert_eq!(found, [&expected[..], &[untold, told(8)]].concat());
     }
 }

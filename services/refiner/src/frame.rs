@@ -47,10 +47,7 @@ impl FrameIndex {
         // Every tile is overwritten.
         self.tiles.resize(scan.len(), NO_TILE);
         let tiles = &mut self.tiles;
-        at_best(
-            #[inline(always)]
-            || tiles_of(scan, tiles),
-        );
+        at_best!(tiles_of(scan, tiles));
         self.not_finite = 0;
         self.tile_first.fill(0);
         for (point, &tile) in scan.iter().zip(&self.tiles) {

@@ -167,26 +167,3 @@ impl Settings {
         self.variant == Variant::RangeScaled
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn defaults_are_sound_and_nonsense_is_named() {
-        assert_eq!(Settings::default().check(), Ok(()));
-        type Change = fn(&mut Settings);
-        let cases: [(&str, Change); 4] = [
-            ("join_m", |s| s.join_m = f64::NAN),
-            ("points_min", |s| s.points_min = 0),
-            ("join_per_range", |s| s.join_per_range = 1.1),
-            ("robot.height_min_m", |s| s.robot.height_min_m = -1.0),
-        ];
-        for (name, change) in cases {
-            let mut settings = Settings::default();
-            change(&mut settings);
-            let fault = settings.check().expect_err(name);
-            assert!(fault.to_string().contains(name), "{fault}");
-        }
-    }
-}

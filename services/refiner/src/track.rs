@@ -19,6 +19,8 @@ const MOVED_MIN_M: f64 = 1.5;
 const STRAIGHT_MIN: f64 = 0.9;
 /// What was not seen for so many windows of sequences is forgotten, however few frames of them came.
 const WINDOWS_MAX: u64 = 4;
+/// Farthest that something seen once may have gone until the next frame, m: 40 m/s at 10 Hz.
+const WAY_MAX_M: f64 = 4.0;
 /// So many lost frames widen the way that an object may have gone.
 const LOST_MAX: u64 = 2;
 /// Log odds that motion adds, and standing still for a whole window: fitted, with a slope of 1.0 on the mean of the best frames, to
@@ -88,8 +90,8 @@ struct Track {
     seen: [Sighting; FRAMES_MAX],
     /// Those in the window.
     count: usize,
-    /// Metres a frame, from its last sightings.
-    step_m: [f64; 2],
+    /// Metres a frame, from its last sightings; until the second one tells, also if it is what another track saw once.
+    steps_m: [[f64; 2]; 2],
     news: TrackNews,
     probability: f64,
     /// An object of the frame in hand belongs to it already.
@@ -169,6 +171,7 @@ impl Tracker {
                 object.disposition = Disposition::Unconfirmed as u32;
             }
         }
+        self.guess();
     }
 
     /// Time passes; what was not seen for a whole window is forgotten.
@@ -201,7 +204,7 @@ impl Tracker {
     /// The free track nearest to where it should be now, or a new one, with what it is worth now; None when all tracks were seen in this frame.
     fn track_of(&mut self, sighting: Sighting, has_pose: bool) -> Option<&Track> {
         let free = self.tracks.iter().enumerate().filter(|(_, t)| !t.is_taken);
-        let distances = free.map(|(index, track)| (index, track.distance_m(&sighting)));
+        let distances = free.map(|(index, track)| (index, track.distance_m(&sighting).0));
         let near = distances.filter(|(index, m)| {
             // Where frames were lost it has gone farther.
             let frames = sighting.sequence - self.tracks[*index].seen[0].sequence;
@@ -217,6 +220,24 @@ impl Tracker {
         track.see(sighting);
         track.judge(&self.settings, has_pose);
         Some(track)
+    }
+
+    /// What moves too fast to be found again begins anew: then it may be the nearest thing that was seen once and is not there any more.
+    fn guess(&mut self) {
+        for index in 0..self.tracks.len() {
+            let young = &self.tracks[index];
+            if young.count > 1 || !young.is_taken {
+                continue;
+            }
+            let gone = self.tracks.iter().filter(|t| t.count == 1 && !t.is_taken);
+            let ways = gone.filter_map(|track| track.way_m(&young.seen[0]));
+            let ways = ways
+                .map(|[x, y]| (x.hypot(y), [x, y]))
+                .filter(|way| way.0 <= WAY_MAX_M);
+            if let Some((_, way_m)) = ways.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                self.tracks[index].steps_m[1] = way_m;
+            }
+        }
     }
 
     fn begin(&mut self, first: u64) -> Option<usize> {
@@ -237,21 +258,34 @@ impl Tracker {
 }
 
 impl Track {
-    /// From where it should be, as far as it was seen.
-    fn distance_m(&self, to: &Sighting) -> f64 {
+    /// In a frame, from where it was seen last; not for the same frame.
+    fn way_m(&self, to: &Sighting) -> Option<[f64; 2]> {
+        let last = &self.seen[0];
+        let frames = to
+            .sequence
+            .checked_sub(last.sequence)
+            .filter(|frames| *frames > 0)?;
+        Some([0, 1].map(|axis| (to.place_m[axis] - last.place_m[axis]) / frames as f64))
+    }
+
+    /// How far from where it should be, by the step that leads nearer, and that step.
+    fn distance_m(&self, to: &Sighting) -> (f64, [f64; 2]) {
         let last = &self.seen[0];
         let frames = (to.sequence - last.sequence) as f64;
-        let away = |axis| to.place_m[axis] - last.place_m[axis] - frames * self.step_m[axis];
-        away(0).hypot(away(1))
+        let [own, guess] = self.steps_m.map(|step_m| {
+            let away = |axis| to.place_m[axis] - last.place_m[axis] - frames * step_m[axis];
+            (f64::hypot(away(0), away(1)), step_m)
+        });
+        if guess.0 < own.0 { guess } else { own }
     }
 
     fn see(&mut self, sighting: Sighting) {
         let last = self.seen[0];
-        let frames = (sighting.sequence - last.sequence) as f64;
-        if self.count > 0 && frames > 0.0 {
-            let step = |axis: usize| (sighting.place_m[axis] - last.place_m[axis]) / frames;
+        let way_m = self.way_m(&sighting);
+        if let (Some(way_m), true) = (way_m, self.count > 0) {
+            let (_, old_m) = self.distance_m(&sighting);
             // Half of the new step, half of the old: a box's centre jumps when another face comes into view.
-            self.step_m = [0, 1].map(|axis| 0.5 * (self.step_m[axis] + step(axis)));
+            self.steps_m = [[0, 1].map(|axis| 0.5 * (old_m[axis] + way_m[axis])); 2];
         }
         let sighting = Sighting {
             log_odds: match sighting.log_odds {
@@ -262,7 +296,7 @@ impl Track {
             ..sighting
         };
         // A frame that is sent again is the same sighting.
-        if self.count == 0 || frames > 0.0 {
+        if self.count == 0 || way_m.is_some() {
             self.seen.rotate_right(1);
             self.count = (self.count + 1).min(FRAMES_MAX);
         }

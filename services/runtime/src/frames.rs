@@ -60,7 +60,11 @@ impl<T: Payload> Frames<T> {
                 ahead(scan.header(), scan.elements());
             }
             // While no frame is on its way, the next thing to come is a scan.
-            Ok((scans.count_sent() <= done).then(|| scans.wake()).flatten())
+            let is_idle = scans.count_sent() <= done;
+            if is_idle && has_time {
+                scans.let_orphans_go();
+            }
+            Ok(is_idle.then(|| scans.wake()).flatten())
         };
         let next = shell.next_within(&mut self.input, take_scans, timeout)?;
         if let Next::Message(message) = &next

@@ -44,8 +44,12 @@ impl Heartbeat {
         self.run_us.saturating_record(run_us);
     }
 
-    pub(crate) fn is_due(&self) -> bool {
-        monotonic_ns() - self.last_ns >= PERIOD_NS
+    /// Publishes where the last one is old.
+    pub(crate) fn keep_up(&mut self, health: &Health) -> Result<()> {
+        if monotonic_ns() - self.last_ns < PERIOD_NS {
+            return Ok(());
+        }
+        self.publish(health)
     }
 
     pub(crate) fn publish(&mut self, health: &Health) -> Result<()> {

@@ -33,6 +33,7 @@ pub struct Input<T: Payload> {
     service: DataService<T>,
     instance: Instance,
     name: String,
+    elements_max: usize,
     /// Each payload must lie in a mapped segment of the instance.
     pub(crate) verify_mapping: bool,
     mappings_verified: u64,
@@ -59,6 +60,7 @@ impl<T: Payload> Input<T> {
             service,
             instance: node.instance.clone(),
             name: name.to_string(),
+            elements_max: topic.elements_max,
             verify_mapping: false,
             mappings_verified: 0,
         })
@@ -92,6 +94,8 @@ impl<T: Payload> Input<T> {
         Ok(sample.map(|sample| Message {
             sample,
             received_ns: monotonic_ns(),
+            // One more, for the check of its length to see.
+            elements_seen: self.elements_max + 1,
         }))
     }
 
@@ -145,6 +149,7 @@ pub struct Message<T: Payload> {
     sample: Sample<Ipc, [T], FrameHeader>,
     /// When it was taken from the queue, CLOCK_MONOTONIC.
     pub received_ns: u64,
+    elements_seen: usize,
 }
 
 impl<T: Payload> Message<T> {
@@ -153,8 +158,9 @@ impl<T: Payload> Message<T> {
         self.sample.user_header()
     }
 
-    /// The elements where they lie in shared memory, unchecked.
+    /// The elements where they lie in shared memory, unchecked; no more than the topic's limit and one, however many the producer says that there are.
     pub fn elements(&self) -> &[T] {
-        self.sample.payload()
+        let all = self.sample.payload();
+        &all[..all.len().min(self.elements_seen)]
     }
 }

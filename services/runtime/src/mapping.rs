@@ -5,7 +5,7 @@
 
 use std::{collections::HashSet, ops::Range};
 
-use crate::{Instance, instance::SHARED_MEMORY};
+use crate::{Instance, error::Result, instance::SHARED_MEMORY};
 
 /// A part of this process's address space that shows a data segment of an instance.
 #[derive(Debug, PartialEq, Eq)]
@@ -49,6 +49,9 @@ pub(crate) fn segment_of<T>(instance: &Instance, slice: &[T]) -> Option<Mapping>
     mappings(instance).into_iter().find(holds)
 }
 
+/// So much is touched at a time: where cores are busy, a whole segment may take longer than a stage may be silent.
+const PIECE_BYTES: usize = 8 << 20;
+
 /// Remembers which segments were touched.
 #[derive(Debug, Default)]
 pub(crate) struct Prefault {
@@ -57,31 +60,43 @@ pub(crate) struct Prefault {
 }
 
 impl Prefault {
-    /// Touches every page of segments that are new since the last call: for writing where this process writes.
+    /// Touches every page of segments that are new since the last call: for writing where this process writes. Between two pieces `beat` is called.
     /// A segment that cannot be touched (old kernel, memory full) is left; the first one is said.
-    pub(crate) fn touch(&mut self, instance: &Instance) {
+    pub(crate) fn touch(
+        &mut self,
+        instance: &Instance,
+        mut beat: impl FnMut() -> Result<()>,
+    ) -> Result<()> {
         for mapping in mappings(instance) {
-            if self.touched.insert(mapping.addresses.start)
-                && let Err(error) = populate(&mapping)
-                && !std::mem::replace(&mut self.has_failed, true)
-            {
-                tracing::warn!(
-                    %error,
-                    bytes = mapping.addresses.len(),
-                    "cannot touch shared memory ahead of time: first frames will be slow, and a full /dev/shm ends a stage"
-                );
+            if !self.touched.insert(mapping.addresses.start) {
+                continue;
+            }
+            for start in mapping.addresses.clone().step_by(PIECE_BYTES) {
+                let bytes = PIECE_BYTES.min(mapping.addresses.end - start);
+                if let Err(error) = populate(start, bytes, mapping.is_writable) {
+                    if !std::mem::replace(&mut self.has_failed, true) {
+                        tracing::warn!(
+                            %error,
+                            bytes = mapping.addresses.len(),
+                            "cannot touch shared memory ahead of time: first frames will be slow, and a full /dev/shm ends a stage"
+                        );
+                    }
+                    break;
+                }
+                beat()?;
             }
         }
+        Ok(())
     }
 }
 
 #[allow(unsafe_code)]
-fn populate(mapping: &Mapping) -> std::io::Result<()> {
+fn populate(start: usize, bytes: usize, is_writable: bool) -> std::io::Result<()> {
     use rustix::mm::{Advice, madvise};
     let [read, write] = [Advice::LinuxPopulateRead, Advice::LinuxPopulateWrite];
-    let advice = if mapping.is_writable { write } else { read };
-    let start = mapping.addresses.start as *mut std::ffi::c_void;
+    let advice = if is_writable { write } else { read };
+    let start = start as *mut std::ffi::c_void;
     // SAFETY: MADV_POPULATE_* only faults pages in; it changes no content and fails with an error, not a signal, when
     // the range is no longer mapped. The range comes from /proc/self/maps, whole pages.
-    unsafe { madvise(start, mapping.addresses.len(), advice) }.map_err(std::io::Error::from)
+    unsafe { madvise(start, bytes, advice) }.map_err(std::io::Error::from)
 }

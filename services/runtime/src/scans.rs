@@ -81,6 +81,13 @@ impl Scans {
         Some(newest)
     }
 
+    /// No frame is on its way: where ingest is gone, the scans that it left keep its memory, which the next one may need.
+    pub(crate) fn let_orphans_go(&mut self) {
+        if !self.held.is_empty() && self.input.producers() == 0 {
+            self.held.clear();
+        }
+    }
+
     /// What ends a wait for the next scan, where scans are held.
     pub(crate) fn wake(&self) -> Option<Wake> {
         self.input.wake()

@@ -233,7 +233,7 @@ impl Shell {
     pub fn output<T: Payload>(&mut self, topic: &Topic, elements_max: usize) -> Result<Output<T>> {
         let elements_max = elements_max.min(topic.elements_max);
         let output = Output::open(&self.node, topic, topic.name, elements_max)?;
-        self.touch();
+        self.touch()?;
         Ok(output)
     }
 
@@ -295,7 +295,7 @@ impl Shell {
             // Only while there is nothing to do: reading this process's map takes 0.1 ms, for which the consumer of a
             // message just sent may wait where cores are few.
             if monotonic_ns() - self.touched_ns >= TOUCH_PERIOD_NS {
-                self.touch();
+                self.touch()?;
             }
             self.tick()?;
             let left = timeout.saturating_sub(Duration::from_nanos(monotonic_ns() - begun_ns));
@@ -364,10 +364,8 @@ impl Shell {
         if let Some((output, _)) = &self.run_writer {
             output.reach_late_readers()?;
         }
-        if self.heartbeat.as_ref().is_some_and(Heartbeat::is_due) {
-            self.beat()?;
-        }
-        Ok(())
+        let heartbeat = self.heartbeat.as_mut();
+        heartbeat.map_or(Ok(()), |heartbeat| heartbeat.keep_up(&self.health))
     }
 
     /// A heartbeat now.
@@ -376,11 +374,14 @@ impl Shell {
         heartbeat.map_or(Ok(()), |heartbeat| heartbeat.publish(&self.health))
     }
 
-    /// Touches segments that other processes made.
-    fn touch(&mut self) {
+    /// Touches segments that other processes made, with heartbeats.
+    fn touch(&mut self) -> Result<()> {
         self.touched_ns = monotonic_ns();
         if self.prefaults {
-            self.prefault.touch(&self.node.instance);
+            let (heartbeat, health) = (&mut self.heartbeat, &self.health);
+            let keep_up = || heartbeat.as_mut().map_or(Ok(()), |h| h.keep_up(health));
+            self.prefault.touch(&self.node.instance, keep_up)?;
         }
+        Ok(())
     }
 }

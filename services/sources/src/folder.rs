@@ -10,7 +10,7 @@ use mluc_ipc_types::{EgoPose, Flags};
 use crate::files::{self, Format, Layout};
 use crate::merged::pose as pose_of;
 use crate::motion::{NO_TIMES, Trajectory};
-use crate::{Scan, SourceError, ending};
+use crate::{Scan, SourceError, ending, refused};
 
 /// Bytes read of one scan: 4 million points; the rest could not be used anyway.
 const SCAN_BYTES_MAX: u64 = 64 << 20;
@@ -98,11 +98,20 @@ impl Folder {
     /// Refuses `.bin` files that have another number of columns than four. One of another size among some is cut short, and no reason.
     pub(crate) fn check_columns(&self, scans: &[PathBuf]) -> Result<(), SourceError> {
         let is_plain = |path: &PathBuf| Format::of(path) == Some(Format::Bin);
-        if !self.layout.columns.is_empty() || !scans.iter().all(is_plain) {
+        if !scans.iter().all(is_plain) {
             return Ok(());
         }
         let size = |path| fs::metadata(path).map_or(0, |about| about.len());
         let sizes: Vec<u64> = scans.iter().take(SIZES).map(size).collect();
+        let named = self.layout.columns.len() as u64;
+        if named > 0 {
+            let fitting = sizes.iter().filter(|size| size.is_multiple_of(4 * named));
+            if 2 * fitting.count() >= sizes.len() {
+                return Ok(());
+            }
+            let expected = format!("{} bytes a point, as --columns names {named}", 4 * named);
+            return refused("size", &expected, format!("{} bytes", sizes[0]));
+        }
         // Of a pipe the size is 0, and what is read of it is gone.
         let first = scans.first().filter(|_| sizes[0] > 0);
         let mut start = Vec::new();
@@ -174,7 +183,11 @@ impl Folder {
         scan.bytes.truncate(SCAN_BYTES_MAX as usize);
         Ok(match (is_cut, is_long) {
             (false, _) => Flags::default(),
-            (true, false) => Flags::DAMAGED_INPUT,
+            (true, false) => {
+                let what = "ends within a point, or has fewer points than its header says";
+                tracing::warn!("{}: damaged: {what}", path.display());
+                Flags::DAMAGED_INPUT
+            }
             (true, true) => Flags::TRUNCATED,
         })
     }
@@ -353,6 +366,14 @@ mod tests {
             assert!(error.contains(words), "{error}");
         }
         assert_eq!(find(&root.path().join("e")).unwrap().name(0), "f");
+        let columns = "x,y,z,intensity,ring,time".split(',').map(str::to_string);
+        let layout = Layout {
+            columns: columns.collect(),
+            ..Layout::default()
+        };
+        let error = Folder::find(&root.path().join("a.bin"), &layout).err();
+        let error = format!("{:#}", error.expect("no whole point"));
+        assert!(error.contains("expected 24 bytes a point"), "{error}");
     }
 
     fn folder(files: &[&str]) -> tempfile::TempDir {

@@ -25,6 +25,8 @@ pub(crate) struct Growing {
     folder: Folder,
     /// The newest file, its bytes, and since when it has had them.
     newest: Option<(PathBuf, u64, Instant)>,
+    /// Of the scan that was loaded last, its bytes.
+    bytes: u64,
     heard: Instant,
     /// When the folder changed last, by the clock of its disk, and when that was seen.
     changed: (Option<SystemTime>, Instant),
@@ -41,6 +43,7 @@ impl Growing {
         Ok(Growing {
             folder: Folder::of(vec![], layout),
             newest: None,
+            bytes: 0,
             heard: Instant::now(),
             changed: (None, Instant::now()),
             path,
@@ -60,6 +63,12 @@ impl Growing {
             return Ok(None);
         }
         let last = self.folder.scans.first().cloned();
+        if let Some(path) = &last
+            && std::mem::replace(&mut self.bytes, u64::MAX) < bytes(path)
+        {
+            let (name, hint) = (path.display(), "write another name, and rename it");
+            tracing::warn!("{name} was read before it was whole: {hint} when it is whole");
+        }
         let mut fresh = scan_files(&self.path, last.as_deref())?;
         if !self.has_settled(fresh.last()) {
             fresh.pop();
@@ -71,7 +80,6 @@ impl Growing {
     }
 
     fn has_settled(&mut self, newest: Option<&PathBuf>) -> bool {
-        let bytes = |path: &PathBuf| fs::metadata(path).map_or(0, |about| about.len());
         let now = newest.map(|path| (path.clone(), bytes(path), Instant::now()));
         match (&self.newest, &now) {
             (Some(old), Some(new)) if (&old.0, old.1) == (&new.0, new.1) => {}
@@ -84,6 +92,10 @@ impl Growing {
     }
 }
 
+fn bytes(path: &PathBuf) -> u64 {
+    fs::metadata(path).map_or(0, |about| about.len())
+}
+
 impl LiveScans for Growing {
     fn load(&mut self, scan: &mut Scan, patience: Duration) -> anyhow::Result<Next> {
         let Some((path, missed)) = self.next()? else {
@@ -94,6 +106,7 @@ impl LiveScans for Growing {
             let checked = self.folder.check_columns(std::slice::from_ref(&path));
             checked.with_context(|| format!("input {}", path.display()))?;
         }
+        self.bytes = bytes(&path);
         self.folder.scans = vec![path];
         self.folder.load(0, scan);
         scan.missed = missed;

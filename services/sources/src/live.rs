@@ -16,6 +16,8 @@ use crate::{capture::calibration, files::Layout, udp::Receiver};
 const SILENCE: Duration = Duration::from_millis(500);
 /// A sensor that is silent for so long may come back with another address.
 const FORGET_MS: u64 = 5_000;
+/// A turn takes less, at 1 Hz too.
+const NO_TURN: Duration = Duration::from_secs(3);
 /// Missing packets are told so often at most.
 const TELL: Duration = Duration::from_secs(10);
 /// Datagrams of which none is a known sensor's: some seconds of any.
@@ -140,6 +142,7 @@ impl Listener {
         let mut detector = Detector::new(calibration.as_ref());
         let (mut decoder, mut looks) = (None, 0);
         let (mut heard, mut told) = (Instant::now(), (Instant::now(), 0));
+        let mut turned = Instant::now();
         while !self.shared.is_ending.load(Relaxed) {
             let datagram = self.receiver.receive()?;
             let silent_ms = heard.elapsed().as_millis() as u64;
@@ -150,7 +153,7 @@ impl Listener {
             };
             // It may have come back with another address.
             if silent_ms > FORGET_MS {
-                decoder = None;
+                (decoder, turned) = (None, Instant::now());
             }
             if decoder.is_none() {
                 looks += 1;
@@ -180,7 +183,12 @@ impl Listener {
                 (heard, looks) = (Instant::now(), 0);
             }
             if let Some(scan) = turn {
+                turned = Instant::now();
                 self.give(Ok(scan));
+            } else if turned.elapsed() > NO_TURN {
+                turned = Instant::now();
+                let why = "the sensor stands still, or its clock does or goes back";
+                tracing::warn!("packets come, but no turn has ended for {NO_TURN:?}: {why}");
             }
             let dropped = self.receiver.dropped();
             let missing = counts.lost + counts.damaged + u64::from(dropped);

@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use mluc_ipc_types::{EgoPose, Flags};
 use nalgebra::{IsometryMatrix3, Point3, Rotation3, Translation3};
 use serde::{Deserialize, Serialize};
@@ -94,8 +94,16 @@ impl Source {
                 frames_without: 0,
             })
         };
+        let parts: Vec<Part> = lidars.iter().map(part).collect::<Result<_, _>>()?;
+        let live = parts.iter().filter(|part| part.source.is_live()).count();
+        let expected = "[[lidar]]: expected live sensors alone, or none";
+        ensure!(
+            [0, parts.len()].contains(&live),
+            "{expected}, found {live} of {}",
+            parts.len()
+        );
         let kind = Kind::Merged(Merged {
-            parts: lidars.iter().map(part).collect::<Result<_, _>>()?,
+            parts,
             tolerance: Duration::from_millis(tolerance_ms),
             leader: 0,
             frame: None,
@@ -141,7 +149,7 @@ impl Merged {
         self.missing.clear();
         for part in &mut self.parts {
             let (name, frames) = (&part.name, part.frames_without);
-            let is_missing = part.is_in != Some(true);
+            let is_missing = !part.is_there();
             part.frames_without = (frames + 1) * u64::from(is_missing);
             if is_missing {
                 self.missing += &format!(" {name}");
@@ -161,9 +169,9 @@ impl Merged {
         scan.bytes.clear();
         let mut flags = Flags::default();
         for part in &self.parts {
-            flags = flags.with(match part.is_in {
-                Some(true) => part.write_points(&mut scan.bytes),
-                _ => Flags::DEGRADED,
+            flags = flags.with(match part.is_there() {
+                true => part.write_points(&mut scan.bytes),
+                false => Flags::DEGRADED,
             });
         }
         *scan = Scan {
@@ -178,6 +186,11 @@ impl Merged {
 }
 
 impl Part {
+    /// Whether the frame has points of it.
+    fn is_there(&self) -> bool {
+        self.is_in == Some(true) && !self.scan.bytes.is_empty()
+    }
+
     /// Whether the sensor has a scan for the frame; `None`: ask again. One that fails is as one that ends: the others go on.
     fn seek(&mut self, frame: Frame, tolerance: Duration) -> Option<bool> {
         let (sequence, frame_ns, begun) = frame;

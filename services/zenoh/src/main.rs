@@ -84,9 +84,10 @@ fn main() -> ExitCode {
 }
 
 fn run(cli: &Cli) -> anyhow::Result<()> {
-    let mut follower = Follower::open(cli.instance.clone())?;
     let config = told("--connect, --listen, --config", cli.zenoh())?;
+    // It may take for ever; a signal still ends the program.
     let session = told("opening a zenoh session", zenoh::open(config).wait())?;
+    let mut follower = Follower::open(cli.instance.clone())?;
     let default = format!("mluc/{}", follower.shell.instance().name());
     let prefix = cli.prefix.as_ref().unwrap_or(&default);
     let mut publishers = vec![];

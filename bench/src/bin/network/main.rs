@@ -28,8 +28,8 @@ struct Arguments {
     /// A model file in place of the profile.
     #[arg(long)]
     model: Option<PathBuf>,
-    /// `f32`, `bf16` or `int8`, of the backbone; the head reads f32 rows.
-    #[arg(long, default_value_t)]
+    /// Of the backbone: f32, bf16 or int8; the head reads f32 rows.
+    #[arg(long, default_value_t, value_parser = precision)]
     precision: Precision,
     #[arg(long, default_value_t = 2)]
     threads: usize,
@@ -45,6 +45,11 @@ struct Arguments {
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
+}
+
+fn precision(word: &str) -> Result<Precision, String> {
+    let found = Precision::ALL.into_iter().find(|one| one.name() == word);
+    found.ok_or_else(|| "expected f32, bf16 or int8".to_string())
 }
 
 fn main() -> Result<()> {

@@ -8,7 +8,7 @@ mod json_lines;
 use crate::pipeline::finite_points;
 use crate::{EvaluateError, FrameRings, FrameTruth, LabelledFrame, Result, SensorDetection};
 pub use json_lines::read_json_lines;
-use mluc_dataset::{file_stems, read_calibration, read_detections, read_labels, read_scan};
+use mluc_dataset::{Label, file_stems, read_calibration, read_detections, read_labels, read_scan};
 use mluc_geometry::ImageSize;
 use mluc_ipc_types::FrameHeader;
 use rayon::prelude::*;
@@ -73,8 +73,7 @@ type Lines<'a> = (&'a Path, BTreeMap<String, Vec<SensorDetection>>);
 
 /// Reads every source. Frames without detections count with none found, and are warned about; so are detections of
 /// frames that have no labels, which are left out. A source whose detections all lie elsewhere is an error.
-/// `image` overrides the size of the images beside the labels.
-pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input> {
+pub fn read(sources: &[Source]) -> Result<Input> {
     let mut input = Input::default();
     for source in sources {
         let labelled = file_stems(&source.labels, "txt", "label files (*.txt)")?;
@@ -90,8 +89,11 @@ pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input> {
         let warnings = compare_names(source, &named.collect::<Vec<_>>(), &detected)?;
         input.warnings.extend(warnings);
         input.counts.push(labelled.len());
-        for name in &labelled {
-            let frame = frame(source, lines.as_ref(), name, image)?;
+        let label = |name| Ok(read_labels(&source.labels.join(format!("{name}.txt")))?);
+        let labels: Vec<Vec<Label>> = labelled.iter().map(label).collect::<Result<_>>()?;
+        let image = image_size(&labels);
+        for (name, labels) in labelled.iter().zip(labels) {
+            let frame = frame(source, lines.as_ref(), (name, labels), image)?;
             input.frames.push(frame);
         }
     }
@@ -145,11 +147,10 @@ fn lines(source: &Source) -> Result<Option<Lines<'_>>> {
 fn frame(
     source: &Source,
     lines: Option<&Lines>,
-    name: &str,
-    image: Option<ImageSize>,
+    (name, labels): (&str, Vec<Label>),
+    image: ImageSize,
 ) -> Result<LabelledFrame> {
-    let file = format!("{name}.txt");
-    let labels = read_labels(&source.labels.join(&file))?.into();
+    let (file, labels) = (format!("{name}.txt"), labels.into());
     let Some((calibrations, frames)) = lines else {
         let path = source.detections.join(file);
         // The image boxes are the file's own; nothing is dropped.
@@ -160,7 +161,7 @@ fn frame(
     let truth = FrameTruth {
         labels,
         calibration: read_calibration(&calibrations.join(file))?,
-        image: image.map_or_else(|| image_size_beside(&source.labels, name), Ok)?,
+        image: image_size_beside(&source.labels, name, image)?,
     };
     Ok(truth.with(
         frames
@@ -196,11 +197,29 @@ fn compare_names(source: &Source, labelled: &[String], detected: &[String]) -> R
     Ok([missing, foreign].into_iter().flatten().collect())
 }
 
-/// Size of `image_2/NAME.png` beside the folder of labels where it is present, else KITTI's.
-pub(crate) fn image_size_beside(labels: &Path, name: &str) -> Result<ImageSize> {
+/// What is assumed of a folder's images: KITTI's size, or larger where its labels reach further.
+pub(crate) fn image_size<'a>(labels: impl IntoIterator<Item = &'a Vec<Label>>) -> ImageSize {
+    let labels = labels.into_iter().flatten();
+    labels.fold(ImageSize::KITTI, |size, label| {
+        let [_, _, right, bottom] = label
+            .image_box_px
+            .map(|px| (px.ceil() as u32).saturating_add(1));
+        ImageSize {
+            width_px: size.width_px.max(right),
+            height_px: size.height_px.max(bottom),
+        }
+    })
+}
+
+/// Size of `image_2/NAME.png` beside the folder of labels where it is present, else what is assumed.
+pub(crate) fn image_size_beside(
+    labels: &Path,
+    name: &str,
+    assumed: ImageSize,
+) -> Result<ImageSize> {
     let path = labels.join("../image_2").join(format!("{name}.png"));
     if !path.is_file() {
-        return Ok(ImageSize::KITTI);
+        return Ok(assumed);
     }
     let file = File::open(&path).map_err(|e| EvaluateError::file(&path, e))?;
     let mut decoder = png::Decoder::new(BufReader::new(file));
@@ -224,16 +243,23 @@ mod tests {
         let (labels, images) = (folder.path().join("label_2"), folder.path().join("image_2"));
         std::fs::create_dir_all(&labels).expect("a folder");
         std::fs::create_dir_all(&images).expect("a folder");
-        let none = image_size_beside(&labels, "0").expect("no image");
-        assert_eq!(none, ImageSize::KITTI);
+        let label = |right, bottom| Label {
+            image_box_px: [5.0, 5.0, right, bottom],
+            ..Label::default()
+        };
+        let all = [vec![label(1400.2, 9.0)], vec![], vec![label(9.0, 300.0)]];
+        let assumed = image_size(&all);
+        assert_eq!((assumed.width_px, assumed.height_px), (1402, 375));
+        let none = image_size_beside(&labels, "0", assumed).expect("no image");
+        assert_eq!(none, assumed);
         let file = File::create(images.join("0.png")).expect("a file");
         let mut writer = png::Encoder::new(file, 7, 5);
         writer.set_color(png::ColorType::Grayscale);
         let mut writer = writer.write_header().expect("a header");
         writer.write_image_data(&[0; 35]).expect("an image");
-        let size = image_size_beside(&labels, "0").expect("an image");
+        let size = image_size_beside(&labels, "0", assumed).expect("an image");
         assert_eq!((size.width_px, size.height_px), (7, 5));
         std::fs::write(images.join("1.png"), [0; 100]).expect("written");
-        assert!(image_size_beside(&labels, "1").is_err());
+        assert!(image_size_beside(&labels, "1", assumed).is_err());
     }
 }

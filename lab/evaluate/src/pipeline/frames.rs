@@ -1,8 +1,10 @@
 //! The labelled frames that a model is judged on.
 
 use super::ModelGate;
-use crate::{EvaluateError, FrameTruth, Result, input::image_size_beside};
+use crate::input::{image_size, image_size_beside};
+use crate::{EvaluateError, FrameTruth, Result};
 use mluc_dataset::{Dataset, DatasetError};
+use mluc_geometry::ImageSize;
 use mluc_head::Detection;
 use mluc_ipc_types::{POINTS_MAX, Point};
 use std::path::Path;
@@ -13,6 +15,8 @@ pub struct FrameSet {
     dataset: Dataset,
     names: Vec<String>,
     split: String,
+    /// Of the images, where there are none.
+    image: ImageSize,
 }
 
 /// What was labelled and what the network kept.
@@ -50,7 +54,9 @@ impl FrameSet {
                 return Err(EvaluateError::file(&path, what));
             }
         }
+        let labels: Result<Vec<_>, _> = names.iter().map(|name| dataset.labels(name)).collect();
         Ok(FrameSet {
+            image: image_size(&labels?),
             split: split.unwrap_or("all").to_owned(),
             dataset,
             names,
@@ -92,7 +98,7 @@ impl FrameSet {
         Ok(FrameTruth {
             labels: self.dataset.labels(name)?.into(),
             calibration: self.dataset.calibration(name)?,
-            image: image_size_beside(&labels, name)?,
+            image: image_size_beside(&labels, name, self.image)?,
         })
     }
 }

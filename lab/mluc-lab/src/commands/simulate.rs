@@ -1,9 +1,9 @@
 //! `mluc-lab simulate`: writes a simulated data set.
 
-use super::terminal::{Progress, Threads, one_of, print_out};
+use super::terminal::{Progress, Threads, print_out};
 use anyhow::Context;
 use clap::Args;
-use mluc_simulate::{ExportOptions, Realism, Step, export};
+use mluc_simulate::{ExportOptions, Step, export};
 
 /// Write simulated, labelled scans as a KITTI-format folder.
 ///
@@ -14,11 +14,6 @@ use mluc_simulate::{ExportOptions, Realism, Step, export};
 pub(crate) struct SimulateArguments {
     #[command(flatten)]
     options: ExportOptions,
-    /// Leave out kinds of background, to measure what they are worth (comma separated): confusers (things of a car's size that are none), frontage,
-    /// furniture, vegetation; of sim-any street and weather too. Not for training a model that is to be used.
-    #[arg(long, value_parser = one_of(&Step::ALL, Step::name), hide_possible_values = true)]
-    #[arg(value_delimiter = ',', value_name = "STEP,..")]
-    without: Vec<Step>,
     #[command(flatten)]
     threads: Threads,
 }
@@ -26,7 +21,6 @@ pub(crate) struct SimulateArguments {
 pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
     arguments.threads.start()?;
     let mut options = arguments.options;
-    options.realism = Realism::without(&arguments.without);
     let mut pair = options.clone();
     // Without a separator at its end.
     pair.folder = pair.folder.components().as_path().to_owned();
@@ -40,9 +34,12 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
     if has_pair {
         export_with_progress(&pair)?;
     }
-    let (realism, folder) = (options.realism, options.folder.display());
-    let total = options.indices().len();
-    print_out(format_args!("{name}{realism}: {total} frames in {folder}"))
+    let left_out = Step::ALL.into_iter().filter(|step| !options.has(*step));
+    let left_out: Vec<&str> = left_out.map(Step::name).collect();
+    let without = [" without ", ""][usize::from(left_out.is_empty())];
+    let name = name + without + &left_out.join(", ");
+    let (total, folder) = (options.indices().len(), options.folder.display());
+    print_out(format_args!("{name}: {total} frames in {folder}"))
 }
 
 /// Simulates, shows how far it is, and gives the name of what was simulated.

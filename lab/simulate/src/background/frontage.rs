@@ -47,7 +47,7 @@ fn piece(yard: &mut Yard, side: f32, along: f32, length: f32, setback: f32, dice
         let size = [length * 0.97, dice.range(6.0, 13.0)];
         let hall = yard.ground.place == Place::Industrial;
         let mut mesh = built(|mesh, dice| house(mesh, size, hall, dice), dice);
-        if yard.layout.stream.family == Family::SimAny {
+        if yard.layout.options.family == Family::SimAny {
             facade(&mut mesh, length, dice);
         }
         // The facade (local y = 0) faces the road; a second row stands further back when something is in the way.
@@ -67,7 +67,7 @@ fn piece(yard: &mut Yard, side: f32, along: f32, length: f32, setback: f32, dice
         _ => return back_house(yard, side, along, dice),
     };
     let mut mesh = built(|mesh, dice| build(mesh, length, dice), dice);
-    if yard.layout.stream.family == Family::SimAny && choice > 2 {
+    if yard.layout.options.family == Family::SimAny && choice > 2 {
         // What grows is taller than a garden's.
         let taller = dice.range(0.8, 2.5);
         mesh.map(|p| v(p.x, p.y, p.z * taller));

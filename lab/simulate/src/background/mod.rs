@@ -80,21 +80,20 @@ fn built(build: impl FnOnce(&mut Mesh, &mut Dice), dice: &mut Dice) -> Mesh {
 
 /// Fills a scene around its objects. Things that would stand in an object or in each other are left out.
 pub(crate) fn fill(layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) {
-    let (ground, family) = (layout.ground, layout.stream.family);
-    let realism = layout.stream.realism;
+    let (ground, options) = (layout.ground, layout.options);
     let mut yard = Yard::new(layout, scene);
     if let Some(room) = &ground.room {
         indoor::place(&mut yard, room, dice);
         if ground.place == Place::CarPark {
             // Seen over the parapets.
-            yard.shows = realism.has(Step::Frontage);
+            yard.shows = options.has(Step::Frontage);
             frontage::place(&mut yard, dice);
         }
         return;
     }
     // What is left out keeps its places, so that everything else is as it would be with it.
     let mut place = |step: Option<Step>, place: fn(&mut Yard, &mut Dice)| {
-        yard.shows = step.is_none_or(|step| realism.has(step));
+        yard.shows = step.is_none_or(|step| options.has(step));
         place(&mut yard, dice);
     };
     place(Some(Step::Confusers), confusers::place);
@@ -102,7 +101,7 @@ pub(crate) fn fill(layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) 
         Place::CarPark => place(None, outdoor::car_park),
         Place::Depot => place(None, outdoor::depot),
         Place::Path => return place(None, outdoor::path),
-        _ if family == Family::SimAny => place(Some(Step::Street), variety::place),
+        _ if options.family == Family::SimAny => place(Some(Step::Street), variety::place),
         _ => {}
     }
     place(Some(Step::Frontage), frontage::place);
@@ -136,7 +135,7 @@ impl<'a, 'b> Yard<'a, 'b> {
 
     /// How far things stand along the road, m.
     fn along_m(&self) -> [f32; 2] {
-        match self.layout.stream.family {
+        match self.layout.options.family {
             Family::SimUdi | Family::SimAny => [-72.0, 72.0],
             Family::SimKitti => [0.0, 82.0],
         }
@@ -169,7 +168,7 @@ impl<'a, 'b> Yard<'a, 'b> {
 
     /// Adds a thing without looking for room: `at` is in the sensor frame.
     fn add(&mut self, thing: Thing, mesh: &Mesh, at: [f32; 2], yaw: f32) {
-        let is_any = self.layout.stream.family == Family::SimAny;
+        let is_any = self.layout.options.family == Family::SimAny;
         if self.shows {
             self.show(thing, mesh, at, yaw, is_any && thing.follows_ground());
         }

@@ -15,7 +15,7 @@ pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
         Place::Plaza => 1.4,
         Place::CarPark | Place::Depot | Place::Hall | Place::Path => 1.0,
     };
-    let is_any = yard.layout.stream.family == Family::SimAny;
+    let is_any = yard.layout.options.family == Family::SimAny;
     let factor = factor * if is_any { dice.range(0.6, 3.5) } else { 1.0 };
     for _ in 0..dice.events(6.0 * factor * yard.hundreds()) {
         let mesh = built(bush, dice);
@@ -42,7 +42,7 @@ pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
 /// A trunk that takes ground, and a crown that may hang over things.
 pub(super) fn tree(yard: &mut Yard, along: f32, across: f32, scale: f32, dice: &mut Dice) {
     let radius = dice.range(0.1, 0.26) * scale;
-    let is_any = yard.layout.stream.family == Family::SimAny;
+    let is_any = yard.layout.options.family == Family::SimAny;
     let [low, high] = if is_any { [0.8, 4.5] } else { [1.7, 3.2] };
     let clear = dice.range(low, high) * scale.max(0.9);
     let lean = v(dice.spread(0.15), dice.spread(0.15), 0.0);

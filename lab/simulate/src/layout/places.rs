@@ -24,7 +24,7 @@ pub(super) fn known(place: Place, dice: &mut Dice) -> (usize, [f32; 4]) {
 impl Layout<'_> {
     /// A range that fits this frame of `sim-any`: within the room, and nearer to a robot, among people, than to a car.
     pub(super) fn nearer(&self, class: Class, range_m: f32, dice: &mut Dice) -> f32 {
-        if self.stream.family != Family::SimAny {
+        if self.options.family != Family::SimAny {
             return range_m;
         }
         let room = self.ground.room.as_ref();

@@ -18,6 +18,8 @@ use crate::{bundled::BundledScans, cli::PipelineArgs, piped::Piped};
 pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");
     let _piped = Piped::take(&mut args.input)?;
+    // From here on a signal leaves nothing behind.
+    let shutdown = Shutdown::on_signals()?;
     let is_own = args.input.is_none() && args.config.is_none();
     let bundled = is_own.then(|| BundledScans::write("demo")).transpose()?;
     if let Some(scans) = &bundled {
@@ -32,19 +34,15 @@ pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<Exi
     let own = || format!("demo-{}", std::process::id());
     args.instance.get_or_insert_with(own);
     let settings = Settings::resolve(args.clone())?;
-    let shutdown = Shutdown::on_signals()?;
     let mut shown = Shown {
-        writer: LineWriter::new(settings.pace),
         best: None,
         summary: Summary::default(),
     };
-    let outcome = run(args, settings, shutdown.clone(), &mut shown);
-    let is_asked = || shutdown.is_requested();
-    let unread = shown.writer.finish(outcome.is_err(), is_asked)?;
-    let outcome = outcome?;
+    let (outcome, dropped) = run(args, settings, shutdown, &mut shown)?;
+    let is_read = dropped? == 0;
     // Who does not read standard output is not waited for.
     let say = |text: String| {
-        if unread == 0 {
+        if is_read {
             return print_out(text);
         }
         print_err(text);
@@ -68,7 +66,6 @@ pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<Exi
 }
 
 struct Shown {
-    writer: LineWriter,
     best: Option<Best>,
     summary: Summary,
 }
@@ -83,7 +80,7 @@ struct Best {
 }
 
 impl Sink for Shown {
-    fn take(&mut self, left: Left<'_>) -> anyhow::Result<bool> {
+    fn take(&mut self, left: Left<'_>, writer: &mut LineWriter) -> anyhow::Result<bool> {
         let (header, objects, classes) = (left.header, left.objects, left.classes);
         self.summary.record(header);
         let shown: Vec<&Object> = objects.iter().filter(|o| o.is_published()).collect();
@@ -92,7 +89,7 @@ impl Sink for Shown {
         for object in &shown {
             text += &format!("\n  {}", describe(object, classes));
         }
-        let is_read = self.writer.hand_on(text.into_bytes());
+        let is_read = writer.hand_on(text.into_bytes());
         let unknown = shown.iter().filter(|object| is_unknown(object));
         let unknown = unknown.map(|object| object.score).sum();
         if self.best.as_ref().is_none_or(|best| unknown > best.unknown) {
@@ -108,10 +105,6 @@ impl Sink for Shown {
 
     fn needs_points(&self) -> bool {
         true
-    }
-
-    fn is_behind(&self) -> bool {
-        self.writer.is_behind()
     }
 }
 

@@ -28,7 +28,6 @@ pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Res
         play(&mut settings, &input, from)?;
     }
     let mut compared = Compared {
-        writer: LineWriter::new(settings.pace),
         recorded: Recorded::open(&input, line_topic().name, "mluc record")?,
         has_played: from.is_some(),
         shard,
@@ -38,11 +37,7 @@ pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Res
         without: 0,
         models: None,
     };
-    let outcome = run(args, settings, shutdown.clone(), &mut compared);
-    let written = compared
-        .writer
-        .finish(outcome.is_err(), || shutdown.is_requested());
-    let outcome = outcome?;
+    let (outcome, dropped) = run(args, settings, shutdown, &mut compared)?;
     let (same, other) = (compared.same, compared.other);
     let (degraded, without) = (compared.degraded, compared.without);
     print_err(format_args!(
@@ -55,7 +50,7 @@ pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Res
             "recorded with model {recorded}, replayed with {found}: name the same with --model"
         ));
     }
-    written?;
+    dropped?;
     let is_same = same > 0 && other == 0 && outcome.frames_lost() == 0;
     Ok(ExitCode::from(if is_same { 0 } else { EXIT_FAILURE }))
 }
@@ -85,7 +80,6 @@ fn play(settings: &mut Settings, input: &Path, from: Stage) -> anyhow::Result<()
 }
 
 struct Compared {
-    writer: LineWriter,
     recorded: Recorded,
     /// Stages publish what was recorded; a frame of which nothing was is flagged `degraded`.
     has_played: bool,
@@ -99,7 +93,7 @@ struct Compared {
 }
 
 impl Sink for Compared {
-    fn take(&mut self, left: Left<'_>) -> anyhow::Result<bool> {
+    fn take(&mut self, left: Left<'_>, writer: &mut LineWriter) -> anyhow::Result<bool> {
         let is_missing = self.has_played && Flags(left.header.flags).contains(Flags::DEGRADED);
         let scan = place(self.shard, left.header.sequence);
         let message = self.recorded.of(scan)?;
@@ -129,12 +123,8 @@ impl Sink for Compared {
             self.other += 1;
             let of = |line: &Value| json!({"objects": line["objects"], "suppressed": line["suppressed"]});
             let told = json!({"scan": scan, "recorded": of(&recorded), "found": of(&found)});
-            return self.writer.write(&told);
+            return writer.write(&told);
         }
         Ok(true)
-    }
-
-    fn is_behind(&self) -> bool {
-        self.writer.is_behind()
     }
 }

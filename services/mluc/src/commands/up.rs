@@ -17,15 +17,10 @@ pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     let shutdown = Shutdown::on_signals()?;
     let settings = Settings::resolve(args.clone())?;
     let mut lines = Lines {
-        writer: LineWriter::new(settings.pace),
         has_status: settings.status_lines,
         summary: Summary::default(),
     };
-    let outcome = run(args, settings, shutdown.clone(), &mut lines);
-    let written = lines
-        .writer
-        .finish(outcome.is_err(), || shutdown.is_requested());
-    let outcome = outcome?;
+    let (outcome, dropped) = run(args, settings, shutdown, &mut lines)?;
     print_err(outcome.latencies.table().trim_end());
     print_err(hops(&outcome.status).trim_end());
     let (frames_in, frames_out) = (outcome.frames_in, outcome.frames_out);
@@ -43,36 +38,31 @@ pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
             "scans set aside, because stages died of them: {count} ({names})"
         ));
     }
-    let unread = written?;
-    if unread > 0 {
+    let dropped = dropped?;
+    if dropped > 0 {
         let why = "the reader of stdout was too slow";
-        print_err(format_args!("{unread} lines dropped: {why}"));
+        print_err(format_args!("{dropped} lines dropped: {why}"));
     }
     Ok(lines.summary.exit_code(&outcome))
 }
 
 struct Lines {
-    writer: LineWriter,
     has_status: bool,
     summary: Summary,
 }
 
 impl Sink for Lines {
-    fn take(&mut self, left: Left<'_>) -> anyhow::Result<bool> {
+    fn take(&mut self, left: Left<'_>, writer: &mut LineWriter) -> anyhow::Result<bool> {
         self.summary.record(left.header);
         let line = line(left.header, left.objects, left.classes, left.status);
-        self.writer.write(&line)
+        writer.write(&line)
     }
 
-    fn tell(&mut self, status: &Status) -> anyhow::Result<bool> {
+    fn tell(&mut self, status: &Status, writer: &mut LineWriter) -> anyhow::Result<bool> {
         if !self.has_status {
             return Ok(true);
         }
-        self.writer.write(&status_line(status))
-    }
-
-    fn is_behind(&self) -> bool {
-        self.writer.is_behind()
+        writer.write(&status_line(status))
     }
 }
 

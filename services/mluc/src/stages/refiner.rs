@@ -74,10 +74,8 @@ impl Algorithm for RefinerStage {
         refiner.refine_within(header.sequence, points, detections, &mut is_over, refined);
         if let Some((tracker, estimator)) = &mut self.tracker {
             let mut followed = *header;
-            if header.ego.is_known != 1 {
-                let scan = (!are_gone).then(|| refiner.scan());
-                followed.ego = estimator.estimate(header, scan).unwrap_or_default();
-            }
+            let scan = (!are_gone).then(|| refiner.scan());
+            followed.ego = estimator.estimate(header, scan).unwrap_or_default();
             tracker.update(&followed, refined);
         }
         refined.choose_readings();

@@ -132,7 +132,9 @@ impl Child {
         for variable in MANAGER_VARIABLES {
             command.env_remove(variable);
         }
-        let about = || format!("starting stage {}", self.stage.name());
+        let folder = own.directory.as_ref();
+        let folder = folder.map_or(String::new(), |folder| format!(" in {}", folder.display()));
+        let about = || format!("starting stage {}{folder}", self.stage.name());
         let process = command.spawn().with_context(about)?;
         self.process = Some(process);
         self.oom_kills_before = oom_kills();
@@ -229,6 +231,7 @@ impl Child {
         if status.success() {
             // Ingest's end is that of its input, and our other stages end so where they are asked to, from outside.
             if self.stage != Stage::Ingest && self.is_foreign {
+                tracing::error!(stage = self.stage.name(), "ended by itself: {status}");
                 self.judge(status.code(), settings)?;
             }
             return Ok(Ended::Done);

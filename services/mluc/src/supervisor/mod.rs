@@ -41,10 +41,10 @@ pub(crate) struct Left<'a> {
     pub(crate) points: &'a [Point],
 }
 
-/// Takes what leaves the pipeline. It must not wait: the supervisor would.
+/// Takes what leaves the pipeline, and writes what it tells of it. It must not wait: the supervisor would.
 pub(crate) trait Sink {
     /// False: no more are wanted.
-    fn take(&mut self, left: Left<'_>) -> anyhow::Result<bool>;
+    fn take(&mut self, left: Left<'_>, writer: &mut LineWriter) -> anyhow::Result<bool>;
 
     /// Points are kept for [`Sink::take`].
     fn needs_points(&self) -> bool {
@@ -52,14 +52,15 @@ pub(crate) trait Sink {
     }
 
     /// The pipeline's state changed. False: no more is wanted.
-    fn tell(&mut self, _status: &Status) -> anyhow::Result<bool> {
+    fn tell(&mut self, _status: &Status, _writer: &mut LineWriter) -> anyhow::Result<bool> {
         Ok(true)
     }
+}
 
-    /// Pace `complete`: the next frame shall wait.
-    fn is_behind(&self) -> bool {
-        false
-    }
+/// What becomes of the frames that leave.
+struct Out<'a> {
+    sink: &'a mut dyn Sink,
+    writer: LineWriter,
 }
 
 /// How a run went.
@@ -137,12 +138,26 @@ struct Supervisor {
     outcome: Outcome,
 }
 
-/// `args`: what `settings` were resolved from, for a reload.
+/// How a run went, and how many lines the reader of standard output lost. `args`: what `settings` were resolved from, for a reload.
 pub(crate) fn run(
+    args: PipelineArgs,
+    settings: Settings,
+    shutdown: Shutdown,
+    sink: &mut dyn Sink,
+) -> anyhow::Result<(Outcome, anyhow::Result<u64>)> {
+    let writer = LineWriter::new(settings.pace);
+    let mut out = Out { sink, writer };
+    let outcome = supervise(args, settings, shutdown.clone(), &mut out);
+    let is_asked = || shutdown.is_requested();
+    let dropped = out.writer.finish(outcome.is_err(), is_asked);
+    Ok((outcome?, dropped))
+}
+
+fn supervise(
     args: PipelineArgs,
     mut settings: Settings,
     shutdown: Shutdown,
-    sink: &mut dyn Sink,
+    out: &mut Out,
 ) -> anyhow::Result<Outcome> {
     let is_asked_to_reload = mluc_runtime::reload_flag()?;
     let (source, model) = check_before(&settings)?;
@@ -170,7 +185,7 @@ pub(crate) fn run(
     let status = StatusWriter::open(&mut shell, &settings, sensor.as_ref())?;
     let mut supervisor = Supervisor {
         run,
-        scans: Scans::open(&shell, sink.needs_points())?,
+        scans: Scans::open(&shell, out.sink.needs_points())?,
         objects: shell.input::<Object>(&Topic::OBJECTS)?,
         health: shell.health_watch()?,
         status,
@@ -193,13 +208,13 @@ pub(crate) fn run(
         outcome: Outcome::default(),
     };
     drop(model);
-    let result = supervisor.supervise(sink);
+    let result = supervisor.supervise(out);
     let why = match (&result, supervisor.outcome.is_interrupted) {
         (Err(_), _) => "the pipeline failed",
         (_, true) => "asked to end",
         _ => "the input ended",
     };
-    let told = supervisor.tell_status(sink, Some(why));
+    let told = supervisor.tell_status(out, Some(why));
     supervisor.end_all();
     // Their last heartbeats.
     supervisor.health.update()?;
@@ -221,6 +236,20 @@ fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> 
             tracing::warn!("{error}; the stage runs without it");
         }
     }
+    let is_foreign = |stage: Stage| {
+        let own = &settings.stages[stage];
+        own.external || own.command.is_some()
+    };
+    let has_scores = settings.min_score.or(settings.min_unknown_score).is_some();
+    if is_foreign(Stage::Refiner) && (has_scores || settings.track.is_some()) {
+        let whose = "are for our own refiner: the program in its place chooses by itself";
+        tracing::warn!("min_score, min_unknown_score and track {whose}");
+    }
+    if is_foreign(Stage::Ingest) && settings.pace == Pace::Complete {
+        tracing::warn!(
+            "pace complete is our own ingest's: the program in its place sends as it likes"
+        );
+    }
     let ingest = &settings.stages.ingest;
     let is_elsewhere = settings.reads_ros2();
     let source = if is_elsewhere {
@@ -238,7 +267,7 @@ fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> 
 }
 
 impl Supervisor {
-    fn supervise(&mut self, sink: &mut dyn Sink) -> anyhow::Result<()> {
+    fn supervise(&mut self, out: &mut Out) -> anyhow::Result<()> {
         for stage in Stage::ALL {
             let mut child = Child::new(stage);
             if self.settings.stages[stage].external {
@@ -259,13 +288,13 @@ impl Supervisor {
             if self.is_ready() {
                 self.shell.say_ready();
             }
-            let is_wanted = self.take_objects(sink)? && self.tell_status(sink, None)?;
+            let is_wanted = self.take_objects(out)? && self.tell_status(out, None)?;
             if self.shell.is_stopping() || !is_wanted {
                 self.outcome.is_interrupted = true;
                 return Ok(());
             }
             self.reload_if_asked();
-            let holds = sink.is_behind();
+            let holds = out.writer.is_behind();
             if holds != self.control.holds || self.is_control_untold {
                 self.control.holds = holds;
                 self.tell_stages();
@@ -273,7 +302,7 @@ impl Supervisor {
             if self.look_after_children()? {
                 // Ingest ends after the last objects; they are in the queue now.
                 self.health.update()?;
-                self.take_objects(sink)?;
+                self.take_objects(out)?;
                 self.take_scans()?;
                 return Ok(());
             }
@@ -311,14 +340,14 @@ impl Supervisor {
     }
 
     /// Judges and publishes the pipeline's state. False: the sink wants no more.
-    fn tell_status(&mut self, sink: &mut dyn Sink, end: Option<&str>) -> anyhow::Result<bool> {
+    fn tell_status(&mut self, out: &mut Out, end: Option<&str>) -> anyhow::Result<bool> {
         self.take_scans()?;
         let changed = (self.status).tick(&self.run, &self.health, &self.outcome, end)?;
-        changed.map_or(Ok(true), |status| sink.tell(&status))
+        changed.map_or(Ok(true), |status| out.sink.tell(&status, &mut out.writer))
     }
 
     /// False: the sink wants no more.
-    fn take_objects(&mut self, sink: &mut dyn Sink) -> anyhow::Result<bool> {
+    fn take_objects(&mut self, out: &mut Out) -> anyhow::Result<bool> {
         // Bounded: a refiner that publishes without end stops nothing else.
         for _ in 0..2 * Topic::OBJECTS.buffer {
             let Some(message) = self.objects.oldest()? else {
@@ -363,7 +392,7 @@ impl Supervisor {
             self.outcome.frames_out += 1;
             self.outcome.latencies.record(&header);
             self.status.record(&self.run, &header);
-            if !self.tell_status(sink, None)? {
+            if !self.tell_status(out, None)? {
                 return Ok(false);
             }
             let scan = self.scans.of(header.sequence);
@@ -374,7 +403,7 @@ impl Supervisor {
                 status: &self.status.current,
                 points: scan.map_or(&[][..], Message::elements),
             };
-            if !sink.take(left)? {
+            if !out.sink.take(left, &mut out.writer)? {
                 return Ok(false);
             }
             self.scans.let_go();

@@ -384,8 +384,15 @@ impl Facts {
             return (Blind, "no direction has returns".to_string());
         }
         if !newest.is_usable {
-            let why = "5 % or fewer of the points are finite and in the model's range";
+            let why =
+                "5 % or fewer of the points or less than 50 are finite and in the model's range";
             return (Blind, why.to_string());
+        }
+        for (flag, what) in [(Flags::SUSPECT_UNIT, "unit"), (Flags::SUSPECT_AXES, "axes")] {
+            if newest.flags.contains(flag) {
+                let why = format!("the {what} of the scans: ingest says what helps");
+                return (Blind, why);
+            }
         }
         if age_ns > late_ns {
             return (Late, because("results are older than the budget allows"));
@@ -495,6 +502,7 @@ mod tests {
             let flags = match change {
                 "empty" => Flags::EMPTY,
                 "suspect" => Flags::SUSPECT_HEIGHT,
+                "feet" => Flags::SUSPECT_UNIT,
                 "slow refiner" => Flags::DEGRADED.with(Flags::LIMIT_WORK),
                 _ => Flags::default(),
             };

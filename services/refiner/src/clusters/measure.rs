@@ -153,10 +153,7 @@ impl Measurer {
 
 /// Linearity, planarity and scattering.
 fn eigen_features(points: &ClusterPoints) -> [f32; 3] {
-    let (sum, products) = at_best(
-        #[inline(always)]
-        || sums(points),
-    );
+    let (sum, products) = at_best!(sums(points));
     let n = points.len().max(1) as f64;
     let mean = Vector3::from(sum.map(|s| s as f64 / n));
     let [xx, xy, xz, yy, yz, zz] = products.map(|p| p as f64 / n);
@@ -203,10 +200,7 @@ fn residual_m(points: &ClusterPoints, tight: &Rectangle) -> f32 {
         let d = lower(lower(a - u[0], u[1] - a), lower(b - v[0], v[1] - b));
         u64::from(whole(higher(d, 0.0) * PER_M))
     };
-    let sum: u64 = at_best(
-        #[inline(always)]
-        || points.x_m.iter().zip(&points.y_m).map(whole_mm).sum(),
-    );
+    let sum: u64 = at_best!(points.x_m.iter().zip(&points.y_m).map(whole_mm).sum());
     sum as f32 / points.len().max(1) as f32 / PER_M
 }
 

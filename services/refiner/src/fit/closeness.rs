@@ -53,22 +53,16 @@ impl Closeness {
     pub fn fit(&mut self, points: &ClusterPoints) -> Rectangle {
         self.thin(points, COARSE_POINTS_MAX);
         let coarse = std::array::from_fn::<i32, COARSE, _>(|step| 3 * DEGREE * step as i32);
-        let coarse = at_best(
-            #[inline(always)]
-            || self.best(coarse),
-        );
+        let coarse = at_best!(self.best(coarse));
         if points.len() > COARSE_POINTS_MAX {
             self.thin(points, HEADING_POINTS_MAX);
         }
         let beside = [0, -1, 1, -2, 2];
         let fine = beside.map(|step| coarse + DEGREE * step);
-        let finest = at_best(
-            #[inline(always)]
-            || {
-                let fine = self.best(fine);
-                self.best(beside.map(|step| fine + step))
-            },
-        );
+        let finest = at_best!({
+            let fine = self.best(fine);
+            self.best(beside.map(|step| fine + step))
+        });
         points.rectangle(points.ahead_rad + angle_rad(finest))
     }
 

@@ -124,10 +124,7 @@ impl ClusterPoints {
 
     /// Lowest and highest coordinate along a direction and along the one a quarter turn further, m.
     pub fn spans_m(&self, direction: [f32; 2]) -> [[f32; 2]; 2] {
-        at_best(
-            #[inline(always)]
-            || spans(&self.x_m, &self.y_m, direction),
-        )
+        at_best!(spans(&self.x_m, &self.y_m, direction))
     }
 
     /// Lengths along a direction that is counted from the line of sight, and across it, m.
@@ -191,10 +188,7 @@ impl Rectangle {
 
 /// [`span`] in the widest registers there are.
 fn best_span(x: &[f32], y: &[f32], d: [f32; 2]) -> [f32; 2] {
-    at_best(
-        #[inline(always)]
-        || span(x, y, d),
-    )
+    at_best!(span(x, y, d))
 }
 
 /// Lanes of the loops below: wide enough for the compiler to use vectors.

@@ -30,10 +30,7 @@ impl Buckets {
         keep: impl Fn(usize) -> bool,
     ) {
         let (x_m, y_m) = (&around.x_m[..], &around.y_m[..]);
-        let [x, y] = at_best(
-            #[inline(always)]
-            || spans(x_m, y_m, [1.0, 0.0]),
-        );
+        let [x, y] = at_best!(spans(x_m, y_m, [1.0, 0.0]));
         self.half_m = (-x[0]).max(x[1]).max(-y[0]).max(y[1]).max(0.0) + cell_m;
         let cell_m = cell_m.max(2.0 * self.half_m / SIDE_MAX as f32);
         self.per_m = 1.0 / cell_m;

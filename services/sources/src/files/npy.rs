@@ -30,8 +30,12 @@ pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> 
             let found = format!("{shape:?}");
             return refused("shape", "N rows and 3 to 64 columns", found);
         };
+        let named = layout.columns.len();
+        if ![0, count].contains(&named) {
+            return refused("columns", format!("{named}, as named"), count);
+        }
         let kind = kind(descr.trim_matches(['\'', '"']))?;
-        let names = layout.names(count).into_iter().take(count);
+        let names = layout.names(count).into_iter();
         let fields: Vec<Field> = names.map(|name| (name, kind, 1)).collect();
         let mut table = Table::of_rows(data.to_vec(), &fields, rows);
         let bytes = kind.bytes();

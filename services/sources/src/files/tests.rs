@@ -148,27 +148,6 @@ fn a_cut_file_gives_its_whole_points_and_says_so() {
 }
 
 #[test]
-fn what_does_not_fit_is_named() {
-    let layout = |columns: &[&str], axes: &str| Layout {
-        columns: columns.iter().map(ToString::to_string).collect(),
-        axes: axes.to_string(),
-        ..Layout::default()
-    };
-    let no_z = layout(&["x", "y"], "x,y,z");
-    let mut no_scale = layout(&[], "x,y,z");
-    no_scale.scale = f64::NAN;
-    for (layout, words) in [
-        (layout(&[], "x,x,z"), "axes: expected x, y and z once each"),
-        (layout(&[], "x,y"), "found x,y"),
-        (no_z, "columns: expected z among them, found x,y"),
-        (no_scale, "scale: expected 1e-9 to 1e9, found NaN"),
-    ] {
-        let error = layout.check().unwrap_err().to_string();
-        assert!(error.contains(words), "{words}");
-    }
-}
-
-#[test]
 fn files_that_do_not_fit_are_named() {
     for (sizes, is_fine) in [
         (&[60, 80][..], false),

@@ -66,7 +66,7 @@ impl Request {
         ExportOptions {
             sensor: Some(self.sensor.clone()),
             synthetic_unknown: split == Split::Train,
-            also_known: Class::REAL.into_iter().filter(is_known).collect(),
+            known: Class::REAL.into_iter().filter(is_known).collect(),
             resume: true,
             ..ExportOptions::new(Family::SimAny, split, scans, 1, folder)
         }

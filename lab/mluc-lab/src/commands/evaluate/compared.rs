@@ -5,7 +5,6 @@ use crate::commands::terminal::print_err;
 use clap::Args;
 use mluc_evaluate::input::{Input, Source, read, sources};
 use mluc_evaluate::{ClassRule, RuleRequest, UnknownProtocol, rules};
-use mluc_geometry::ImageSize;
 use std::path::PathBuf;
 
 #[derive(Args)]
@@ -21,10 +20,6 @@ pub(super) struct Compared {
     calib: Vec<PathBuf>,
     #[command(flatten)]
     pub(super) request: RuleRequest,
-    /// Size of the images [default: of image_2/ beside the labels where present, else 1242x375]. Where a calibration's
-    /// P2 is all 0 there is no image, and nothing is dropped for lying outside it.
-    #[arg(long, value_parser = image_size, value_name = "WxH")]
-    image_size: Option<ImageSize>,
 }
 
 impl Compared {
@@ -35,7 +30,7 @@ impl Compared {
         scans: &[PathBuf],
     ) -> anyhow::Result<(Vec<Source>, Input)> {
         let sources = sources(&self.labels, detections, &self.calib, scans)?;
-        let input = read(&sources, self.image_size)?;
+        let input = read(&sources)?;
         for warning in &input.warnings {
             print_err(format_args!("warning: {warning}"));
         }
@@ -56,16 +51,4 @@ impl Compared {
         };
         Ok(rules(&request, &input.frames)?)
     }
-}
-
-fn image_size(text: &str) -> Result<ImageSize, String> {
-    let side = |text: &str| text.parse().ok().filter(|side| *side > 0);
-    let size = text.split_once(['x', 'X']).and_then(|(width, height)| {
-        let (width_px, height_px) = (side(width)?, side(height)?);
-        Some(ImageSize {
-            width_px,
-            height_px,
-        })
-    });
-    size.ok_or_else(|| format!("expected WIDTHxHEIGHT in pixels such as 1242x375, found '{text}'"))
 }

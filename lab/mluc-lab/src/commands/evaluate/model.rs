@@ -37,8 +37,8 @@ pub(crate) struct ModelArguments {
     /// removed, an oriented box; range-scaled, with a join distance that grows with range; none, the proposal box as it is.
     #[arg(long, value_parser = one_of(&Variant::ALL, Variant::name), default_value = "paper-corrected")]
     refiner: Variant,
-    /// Of the backbone: f32, bf16 or int8 (after `mluc-lab quantize`).
-    #[arg(long, default_value_t)]
+    /// Of the backbone; int8 after `mluc-lab quantize`.
+    #[arg(long, default_value_t, value_parser = one_of(&[Precision::F32, Precision::Bf16, Precision::Int8, Precision::Auto], Precision::name))]
     precision: Precision,
     /// Label classes that are unknown; unseen: those of `simulate --unseen` [default: golf_cart,forklift for udi, van,truck for kitti, all four for any, and
     /// car,pedestrian,cyclist,truck; of all these what the model does not know].
