@@ -1,6 +1,6 @@
 //! What the robot gets at a score: objects a scan, how many of them lie on no label, how many labels are found.
 //!
-//! An object lies on a label when its centre is in the label's footprint, grown by 0.5 m on every side. Counted is what lies within 70 m and not in a region
+//! An object lies on a label when its centre is in the label's footprint, grown by 0.5 m on every side. Counted is what lies on a label, or within 70 m and not in a region
 //! without labels; what lies outside of the image was dropped before. A label is found as for AP: by an overlap above its rule's, difficulty moderate.
 //!
 //! Scans of a drive look alike, so the intervals come from drawing drives, and in each of them runs of scans (bootstrap in blocks). A score is chosen by risk

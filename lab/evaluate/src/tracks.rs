@@ -28,7 +28,7 @@ pub struct Tracks {
 }
 
 impl Tracks {
-    /// Of frames drive by drive; `drives` says how many each has. `None` where nothing is numbered.
+    /// Of frames drive by drive; `drives` says how many each has. `None` where nothing is numbered, or unknown objects are published without a track.
     pub fn of(frames: &[LabelledFrame], drives: &[usize], rules: &[ClassRule]) -> Option<Tracks> {
         let mut all = Tracks::default();
         let mut rest = frames;
@@ -67,7 +67,9 @@ impl Tracks {
             all.on_no_label += wrong.count();
         }
         all.on_no_label_a_minute = all.on_no_label as f64 * SCANS_A_MINUTE / frames.len() as f64;
-        (all.tracks + all.labels > 0).then_some(all)
+        let mut objects = frames.iter().flat_map(|frame| &frame.detections);
+        let is_followed = all.tracks > 0 || !objects.any(|object| object.is(UNKNOWN));
+        (is_followed && all.tracks + all.labels > 0).then_some(all)
     }
 }
 
@@ -122,11 +124,8 @@ mod tests {
         let two = Tracks::of(&frames, &[3, 3], &rules).expect("tracks");
         assert_eq!((two.tracks, two.labels), (6, 0));
         assert_eq!(Tracks::of(&[frame(vec![], vec![])], &[1], &rules), None);
-        let alone = |frame: &LabelledFrame| LabelledFrame {
-            detections: vec![],
-            ..frame.clone()
-        };
-        let unseen: Vec<LabelledFrame> = frames.iter().map(alone).collect();
+        let unseen = frames.iter().map(|f| frame(f.labels.to_vec(), vec![]));
+        let unseen: Vec<LabelledFrame> = unseen.collect();
         let found = Tracks::of(&unseen, &[6], &rules).expect("labels");
         assert_eq!((found.tracks, found.labels, found.found), (0, 2, 0));
     }

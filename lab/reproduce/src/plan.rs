@@ -8,7 +8,7 @@ use mluc_evaluate::pipeline::unknown_classes;
 use mluc_train::NetworkKind;
 
 pub(crate) enum Work {
-    Simulate(Simulation),
+    Simulate(Box<Simulation>),
     /// Brings a split of recorded scans into the trainer's form: what it is for, and how.
     Prepare(&'static str, PrepareOptions),
     Train(Training),
@@ -49,7 +49,7 @@ pub(crate) fn plan(options: &Options) -> Vec<Step> {
         let sizes = options.sizes(setting);
         let mut add = |work: Work| steps.push(Step { setting, work });
         for simulation in Simulation::all(layout, setting, &sizes) {
-            add(Work::Simulate(simulation));
+            add(Work::Simulate(Box::new(simulation)));
         }
         if let (Setting::Kitti, Some(splits)) = (setting, &options.kitti()) {
             for (name, preparation) in preparations(splits, layout) {

@@ -65,8 +65,9 @@ pub struct EgoEstimator {
     place: Vec<u32>,
     earlier_taken: Option<Taken>,
     last: Option<Taken>,
-    /// The source told it.
+    /// The source told it, or so many scans before it.
     is_told: bool,
+    untold: u64,
     /// Of one scan, from the last match, or the source's last poses.
     step: Option<Isometry2<f64>>,
     /// The last scan did not match.
@@ -96,11 +97,16 @@ impl EgoEstimator {
             if gap != Some(0) {
                 let before = known.zip(gap).filter(|_| self.is_told);
                 self.step = before.map(|(last, gap)| part(&last.pose, &pose, gap));
-                (self.last, self.is_told) = (Some(taken(pose)), true);
+                (self.last, self.is_told, self.untold) = (Some(taken(pose)), true, 0);
             }
             return Some(header.ego);
-        } else if let (Some(0..=UNTOLD_MAX), Some(step), true) = (gap, self.step, self.is_told) {
-            return Some(told(&after(&step), TOLD));
+        } else if let (Some(gap), Some(step), true) = (gap, self.step, self.is_told)
+            && (gap == 0 || self.untold < UNTOLD_MAX)
+        {
+            let pose = after(&step);
+            self.untold += u64::from(gap > 0);
+            self.last = Some(taken(pose));
+            return Some(told(&pose, TOLD));
         } else if std::mem::take(&mut self.is_told) {
             (self.earlier_taken, self.last, self.step) = (None, None, None);
             return self.estimate(header, scan);

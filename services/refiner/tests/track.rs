@@ -204,15 +204,6 @@ fn more_objects_than_tracks_pass_without_a_number_and_nothing_grows() {
     }
 }
 
-#[test]
-fn settings_that_make_no_sense_are_refused() {
-    let settings = TrackSettings {
-        window: 33,
-        ..TrackSettings::default()
-    };
-    assert!(Tracker::new(settings).is_err());
-}
-
 proptest! {
     #[test]
     fn no_two_objects_of_a_frame_share_a_number(

@@ -25,7 +25,7 @@ pub(crate) struct Growing {
     folder: Folder,
     /// The newest file, its bytes, and since when it has had them.
     newest: Option<(PathBuf, u64, Instant)>,
-    /// Of the scan that was loaded last, its bytes.
+    /// Of the scan that was loaded last, its bytes then.
     bytes: u64,
     heard: Instant,
     /// When the folder changed last, by the clock of its disk, and when that was seen.
@@ -43,7 +43,7 @@ impl Growing {
         Ok(Growing {
             folder: Folder::of(vec![], layout),
             newest: None,
-            bytes: 0,
+            bytes: u64::MAX,
             heard: Instant::now(),
             changed: (None, Instant::now()),
             path,
@@ -64,9 +64,10 @@ impl Growing {
         }
         let last = self.folder.scans.first().cloned();
         if let Some(path) = &last
-            && std::mem::replace(&mut self.bytes, u64::MAX) < bytes(path)
+            && bytes(path) > self.bytes
         {
-            let (name, hint) = (path.display(), "write another name, and rename it");
+            self.bytes = u64::MAX;
+            let (name, hint) = (path.display(), "write it under another name, and rename it");
             tracing::warn!("{name} was read before it was whole: {hint} when it is whole");
         }
         let mut fresh = scan_files(&self.path, last.as_deref())?;

@@ -16,6 +16,8 @@ use crate::{capture::calibration, files::Layout, udp::Receiver};
 const SILENCE: Duration = Duration::from_millis(500);
 /// A sensor that is silent for so long may come back with another address.
 const FORGET_MS: u64 = 5_000;
+/// A turn does not end in a pause.
+const PAUSE_MS: u64 = 500;
 /// A turn takes less, at 1 Hz too.
 const NO_TURN: Duration = Duration::from_secs(3);
 /// Missing packets are told so often at most.
@@ -153,7 +155,10 @@ impl Listener {
             };
             // It may have come back with another address.
             if silent_ms > FORGET_MS {
-                (decoder, turned) = (None, Instant::now());
+                decoder = None;
+            }
+            if silent_ms > PAUSE_MS || decoder.is_none() {
+                turned = Instant::now();
             }
             if decoder.is_none() {
                 looks += 1;
@@ -187,7 +192,7 @@ impl Listener {
                 self.give(Ok(scan));
             } else if turned.elapsed() > NO_TURN {
                 turned = Instant::now();
-                let why = "the sensor stands still, or its clock does or goes back";
+                let why = "the sensor does not turn, or its clock stands still or goes back";
                 tracing::warn!("packets come, but no turn has ended for {NO_TURN:?}: {why}");
             }
             let dropped = self.receiver.dropped();

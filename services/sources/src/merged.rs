@@ -169,10 +169,12 @@ impl Merged {
         scan.bytes.clear();
         let mut flags = Flags::default();
         for part in &self.parts {
-            flags = flags.with(match part.is_there() {
-                true => part.write_points(&mut scan.bytes),
-                false => Flags::DEGRADED,
-            });
+            if part.is_in == Some(true) {
+                flags = flags.with(part.write_points(&mut scan.bytes));
+            }
+            if !part.is_there() {
+                flags = flags.with(Flags::DEGRADED);
+            }
         }
         *scan = Scan {
             bytes: std::mem::take(&mut scan.bytes),

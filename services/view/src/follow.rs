@@ -49,11 +49,17 @@ pub struct Follower {
     begun_ns: u64,
 }
 
+/// This thread, and those that it starts, yield to the stages from now on.
+pub fn yield_to_stages() -> anyhow::Result<()> {
+    rustix::process::nice(NICE)?;
+    Ok(())
+}
+
 impl Follower {
     /// Joins the instance that is `named`, else that of the environment; no pipeline need run yet. From now on this process yields to the stages.
     pub fn open(named: Option<Instance>) -> anyhow::Result<Follower> {
         let instance = named.map_or_else(Instance::from_environment, Ok)?;
-        rustix::process::nice(NICE)?;
+        yield_to_stages()?;
         let shell = Shell::observer(&instance, None, Shutdown::on_signals()?)?;
         let (mut health, mut status) = (shell.health_watch()?, shell.status_watch()?);
         // What waits in the queues may be the last word of a stage that is gone.

@@ -3,5 +3,5 @@
 mod follow;
 mod subscriptions;
 
-pub use follow::{Follower, Messages, Moment, TOPICS};
+pub use follow::{Follower, Messages, Moment, TOPICS, yield_to_stages};
 pub use subscriptions::subscribe;

@@ -6,7 +6,7 @@ use std::{path::PathBuf, process::ExitCode};
 use anyhow::anyhow;
 use clap::{ArgGroup, Parser};
 use mluc_runtime::{Instance, log_to_stderr};
-use mluc_view::{Follower, TOPICS};
+use mluc_view::{Follower, TOPICS, yield_to_stages};
 use serde_json::json;
 use zenoh::bytes::Encoding;
 use zenoh::qos::{CongestionControl, Priority};
@@ -85,6 +85,7 @@ fn main() -> ExitCode {
 
 fn run(cli: &Cli) -> anyhow::Result<()> {
     let config = told("--connect, --listen, --config", cli.zenoh())?;
+    yield_to_stages()?;
     // It may take for ever; a signal still ends the program.
     let session = told("opening a zenoh session", zenoh::open(config).wait())?;
     let mut follower = Follower::open(cli.instance.clone())?;

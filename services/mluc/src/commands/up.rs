@@ -91,7 +91,7 @@ impl Summary {
             print_err(format_args!("frames with flags: {}", words.join(", ")));
         }
         let why = if self.frames > 0 && self.usable == 0 {
-            "5 % or fewer of the points of each are finite and in the model's range; are the files scans?"
+            "5 % of the points of each or fewer, or fewer than 50, are finite and in the model's range; are the files scans?"
         } else if self.frames + outcome.frames_in == 0 && !outcome.is_interrupted {
             "the input gave no scan"
         } else {

@@ -236,10 +236,7 @@ fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> 
             tracing::warn!("{error}; the stage runs without it");
         }
     }
-    let is_foreign = |stage: Stage| {
-        let own = &settings.stages[stage];
-        own.external || own.command.is_some()
-    };
+    let is_foreign = |stage: Stage| settings.stages[stage].command.is_some();
     let has_scores = settings.min_score.or(settings.min_unknown_score).is_some();
     if is_foreign(Stage::Refiner) && (has_scores || settings.track.is_some()) {
         let whose = "are for our own refiner: the program in its place chooses by itself";

@@ -139,7 +139,7 @@ impl Supervisor {
             let said = std::fs::read_to_string(report).unwrap_or_default();
             if said.is_empty() && (is_ours || [Stage::Backbone, Stage::Head].contains(&stage)) {
                 let is_early = change.begun.elapsed() < READY_MAX;
-                let hint = "stages prepare a model while frames come";
+                let hint = "it prepares one only while frames come";
                 ensure!(
                     is_early,
                     "model: {name} is not ready after {READY_MAX:?}; {hint}"

@@ -384,13 +384,15 @@ impl Facts {
             return (Blind, "no direction has returns".to_string());
         }
         if !newest.is_usable {
-            let why =
-                "5 % or fewer of the points or less than 50 are finite and in the model's range";
+            let why = "5 % of the points or fewer than 50 are finite and in the model's range";
             return (Blind, why.to_string());
         }
-        for (flag, what) in [(Flags::SUSPECT_UNIT, "unit"), (Flags::SUSPECT_AXES, "axes")] {
+        for (flag, what) in [
+            (Flags::SUSPECT_UNIT, "another unit"),
+            (Flags::SUSPECT_AXES, "other axes"),
+        ] {
             if newest.flags.contains(flag) {
-                let why = format!("the {what} of the scans: ingest says what helps");
+                let why = format!("the scans have {what}: ingest's log says what helps");
                 return (Blind, why);
             }
         }
