@@ -384,7 +384,8 @@ impl Facts {
             return (Blind, "no direction has returns".to_string());
         }
         if !newest.is_usable {
-            let why = "5 % of the points or fewer than 50 are finite and in the model's range";
+            let why =
+                "at most 5 % of the points or fewer than 50 are finite and in the model's range";
             return (Blind, why.to_string());
         }
         for (flag, what) in [
