@@ -114,7 +114,7 @@ const _: () = assert!(size_of::<Object>() == 23 * 4 + FOOTPRINT_MAX * 8);
 impl Object {
     /// No object, no track.
     pub const NONE: u32 = u32::MAX;
-    /// Bit of `flags`: the frame's budget ended before its turn, so its box is the proposal's.
+    /// Bit of `flags`: the frame's time or work ended before its turn, or its points are gone: its box is the proposal's.
     pub const UNREFINED: u32 = 1;
     /// Bit of `flags`: a piece of a cluster larger than any road user, cut to size.
     pub const SPLIT: u32 = 1 << 1;

@@ -5,8 +5,7 @@ use mluc_ipc_types::{DETECTIONS_MAX, Disposition, Object, Point};
 
 use crate::clusters::{ClusterFinder, FrameCluster, Matcher, Measures};
 use crate::proposal::{NEAR_M, Proposal, reach_m};
-use crate::{Sensor, Settings};
-use crate::{frame::FrameIndex, output::Counters};
+use crate::{Sensor, Settings, frame::FrameIndex, output::Counters};
 use mluc_geometry::ground::tiles::tile_rows;
 
 pub(crate) struct FrameTask<'a> {

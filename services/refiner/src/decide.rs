@@ -111,7 +111,7 @@ impl UnknownScorer {
         }
     }
 
-    /// A candidate that nobody refined, in a frame whose clusters are scored: its box says nothing of a size, and it comes behind all that was looked at.
+    /// A candidate that nobody refined, where clusters are scored: its box says nothing of a size, and it comes behind all that was looked at.
     pub(crate) fn score_unrefined(&self, proposal: &mut Proposal) {
         if self.reads_clusters() {
             proposal.score *= UNLIKELY;

@@ -265,12 +265,7 @@ fn part(from: &Isometry2<f64>, to: &Isometry2<f64>, steps: u64) -> Isometry2<f64
 
 fn told(pose: &Isometry2<f64>, is_known: u32) -> EgoPose {
     let [x, y, yaw_rad] = vector(pose).into();
-    EgoPose {
-        position_m: [x, y, 0.0],
-        yaw_rad,
-        is_known,
-        reserved: 0,
-    }
+    EgoPose::new([x, y, 0.0], yaw_rad, is_known)
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use smart_default::SmartDefault;
 /// Counts of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Candidates whose turn came after the frame's work or time was used up: published with their proposal box.
+    /// Candidates whose turn came after the frame's work or time was used up, or whose points are gone: kept with their proposal box.
     pub unrefined: u32,
     /// Candidates whose neighbourhood was thinned.
     pub thinned: u32,

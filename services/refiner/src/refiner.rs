@@ -127,8 +127,8 @@ impl Refiner {
     /// merge (paper section 3.3), the profile's scores.
     ///
     /// As [`Refiner::refine`], of the scan that [`Refiner::read_scan`] was given last, for a caller with a clock: before the scan is clustered, and before each
-    /// candidate, the best first, `is_over` is asked whether the frame's time is up. Then the candidates that are left keep their proposal boxes, are published
-    /// with [`Object::UNREFINED`] and counted. One that says yes at once skips them all: for a frame whose points are gone.
+    /// candidate, the best first, `is_over` is asked whether the frame's time is up. Then the candidates that are left keep their proposal boxes, get
+    /// [`Object::UNREFINED`] and are counted. One that says yes at once skips them all: for a frame whose points are gone.
     pub fn refine_within(
         &mut self,
         sequence: u64,
@@ -164,9 +164,7 @@ impl Refiner {
             if over {
                 task.counters.unrefined += 1;
                 proposal.flags |= Object::UNREFINED;
-                if has_time {
-                    self.scorer.score_unrefined(proposal);
-                }
+                self.scorer.score_unrefined(proposal);
             } else if clusterer.match_cluster(&mut task, proposal) {
                 proposal.measures = clusterer.lay_box(&mut task, proposal);
                 self.scorer.score(proposal);
@@ -263,8 +261,8 @@ impl Refiner {
             let is_known = proposal.kind == ObjectKind::Known;
             let told = self.probabilities.as_ref();
             // The tables are of scores with the cluster's.
-            let is_whole = proposal.flags & Object::UNREFINED == 0 || !self.scorer.reads_clusters();
-            let told = told.filter(|_| is_whole);
+            let has_cluster = proposal.measures.is_some() || !self.scorer.reads_clusters();
+            let told = told.filter(|_| is_known || has_cluster);
             let told = told.and_then(|told| told.of(is_known, x_m.hypot(y_m), object.score));
             if let Some(probability) = told {
                 object.tell_probability(probability);

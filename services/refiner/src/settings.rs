@@ -138,6 +138,14 @@ pub struct Study {
 }
 
 impl Settings {
+    /// The defaults with this variant.
+    pub fn of(variant: Variant) -> Settings {
+        Settings {
+            variant,
+            ..Settings::default()
+        }
+    }
+
     /// Refuses what makes no sense, by name.
     pub fn check(&self) -> Result<(), RefinerError> {
         const ABOVE_0: &str = "a length above 0 and at most 100 m";

@@ -137,9 +137,11 @@ impl Tracker {
         self.order.clear();
         self.order.extend((0..objects.len()).filter(|&index| {
             let object = &objects[index];
-            let is_told = object.probability().is_some();
+            // What nobody refined may go on in a confirmed track.
+            let is_unrefined = object.flags & Object::UNREFINED != 0;
+            let may_count = object.probability().is_some() || is_unrefined;
             object.kind == ObjectKind::Unknown as u32
-                && (object.is_published() || is_low(object) && is_told)
+                && (object.is_published() || is_low(object) && may_count)
         }));
         // The surest object chooses first; equal ones in their order.
         let score = |index: usize| objects[index].score;
@@ -261,10 +263,8 @@ impl Track {
     /// In a frame, from where it was seen last; not for the same frame.
     fn way_m(&self, to: &Sighting) -> Option<[f64; 2]> {
         let last = &self.seen[0];
-        let frames = to
-            .sequence
-            .checked_sub(last.sequence)
-            .filter(|frames| *frames > 0)?;
+        let frames = to.sequence.checked_sub(last.sequence);
+        let frames = frames.filter(|frames| *frames > 0)?;
         Some([0, 1].map(|axis| (to.place_m[axis] - last.place_m[axis]) / frames as f64))
     }
 

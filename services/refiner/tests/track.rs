@@ -57,10 +57,7 @@ fn judged(
     is_known: u32,
 ) -> Vec<Object> {
     let mut tracker = tracker();
-    let ego = EgoPose {
-        is_known,
-        ..EgoPose::default()
-    };
+    let ego = EgoPose::new([0.0; 3], 0.0, is_known);
     let mut see = |sequence| {
         let x_m = 20.0 + 0.1 * speed_mps * sequence as f32;
         let mut unknown = object(ObjectKind::Unknown, x_m, 1.0, 0.1);
@@ -98,6 +95,28 @@ fn a_track_is_confirmed_when_it_is_likely_or_moves_over_the_ground() {
             assert_eq!(news.speed_mps, expected);
         }
     }
+}
+
+#[test]
+fn what_nobody_refined_goes_on_in_a_confirmed_track_and_confirms_none() {
+    let (mut tracker, ego) = (tracker(), EgoPose::default());
+    let mut see = |sequence, x_m: f32, is_refined: bool| {
+        let mut unknown = object(ObjectKind::Unknown, x_m, 1.0, 0.1);
+        if is_refined {
+            unknown.tell_probability(0.9);
+        } else {
+            unknown.flags = Object::UNREFINED;
+            unknown.disposition = Disposition::LowScore as u32;
+        }
+        update(&mut tracker, sequence, &ego, &[unknown])[0].is_published()
+    };
+    let found = [true, true, true, false, false].map(|is_refined| see(0, 8.0, is_refined));
+    assert_eq!(found, [false; 5], "a frame that is sent again");
+    let refined = [true, true, true, false, false, true];
+    let found = [1, 2, 3, 4, 5, 6].map(|frame| see(frame, 8.0, refined[frame as usize - 1]));
+    assert_eq!(found, [false, true, true, true, true, true]);
+    let found = [7, 8, 9, 10].map(|frame| see(frame, 28.0, false));
+    assert_eq!(found, [false; 4]);
 }
 
 #[test]
@@ -174,12 +193,8 @@ fn with_ego_motion_what_stands_still_is_found_again_and_without_it_is_not() {
         let mut last = true;
         for (sequence, pose) in poses.into_iter().enumerate() {
             let place = pose.inverse_transform_point(&Point2::new(10.0, 4.0));
-            let ego = EgoPose {
-                position_m: [pose.translation.x, pose.translation.y, 0.0],
-                yaw_rad: pose.rotation.angle(),
-                is_known,
-                ..EgoPose::default()
-            };
+            let at = pose.translation;
+            let ego = EgoPose::new([at.x, at.y, 0.0], pose.rotation.angle(), is_known);
             let unknown = object(ObjectKind::Unknown, place.x as f32, place.y as f32, 0.5);
             let seen = update(&mut tracker, sequence as u64, &ego, &[unknown]);
             last = seen[0].is_published();

@@ -107,11 +107,7 @@ pub(crate) fn known(object: &Box3, class_id: u32, score: f32) -> Detection {
 }
 
 pub(crate) fn refiner(variant: Variant) -> Refiner {
-    let settings = Settings {
-        variant,
-        ..Settings::default()
-    };
-    Refiner::new(settings, &sensor()).expect("default settings")
+    Refiner::new(Settings::of(variant), &sensor()).expect("default settings")
 }
 
 pub(crate) fn refine(
