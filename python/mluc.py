@@ -197,7 +197,7 @@ class Member:
         """A new run begins."""
 
     def take_scans(self):
-        """Holds the two scans before the last frame's and the newest two: results come later than points."""
+        """Holds the two newest scans of when the last frame came, and the newest two: results come later than points."""
         while (scan := self.points.receive()) is not None:
             header = header_of(scan)
             if (header.wire_version, header.run_id) != (WIRE_VERSION, self.run.run_id):
@@ -267,9 +267,11 @@ class Consumer(Watch):
         self.listener, self.indices, self.dropped = self.listen("objects"), None, 0
         self.end_on_signals()
 
-    def frames(self):
-        """The newest frame of the run, again and again, until this process is asked to end. Each has `header`, `objects` (an array of
-        dtype Object), `points`, and `points_of(object)`: indices into the points, which are there until the next frame. `dropped` counts the frames that newer ones overtook."""
+    def frames(self, silence_s=float("inf")):
+        """The newest frame of the run, again and again, until this process is asked to end; None after `silence_s` without one: `status()` says why.
+        Each has `header`, `objects` (an array of dtype Object), `points`, and `points_of(object)`: indices into the points, which are there until
+        the next frame (copy what you keep). `dropped` counts the frames that newer ones overtook."""
+        heard_s = time.monotonic()
         while not self.is_stopping:
             try:
                 self.listener.timed_wait(iox.Duration.from_millis(50))
@@ -279,13 +281,14 @@ class Consumer(Watch):
             sample = newest_sample(self.objects)
             self.follow()
             self.take_scans()
-            if sample is None:
-                continue
-            frame = self.frame(sample)
-            if frame is not None:
+            frame = None if sample is None else self.frame(sample)
+            if frame is not None or time.monotonic() - heard_s > silence_s:
                 yield frame
+                heard_s = time.monotonic()
+            if frame is not None:
                 self.let_scans_go()
-            sample.delete()
+            if sample is not None:
+                sample.delete()
         self.leave()
 
     def class_name(self, class_id):
@@ -320,6 +323,7 @@ class Consumer(Watch):
         """The objects; None, said on stderr: their numbers make no sense."""
         sound = all(np.isfinite(objects[name]).all() for name in FINITE)
         sound &= (objects["kind"] < 2).all() and (objects["disposition"] <= LOW_SCORE).all()
+        sound &= (objects["size_m"][objects["disposition"] == PUBLISHED] > 0).all()
         sound &= (objects["gate"] < GATES).all() and is_probability(objects["unknown_probability"]).all()
         sound &= (objects["class_id"] < self.run.classes_count).all() and (objects["footprint_count"] <= FOOTPRINT_MAX).all()
         sound &= ((objects["suppressed_by"] == NONE) | (objects["suppressed_by"] < len(objects))).all()
@@ -442,7 +446,9 @@ class Source(Stage):
                 missing = self.missing()
                 if missing:
                     reason = "waiting for " + ", ".join(missing)
-                    self.state == (WAITING_INPUT, reason) or self.say(WAITING_INPUT, reason)
+                    if self.state != (WAITING_INPUT, reason):
+                        self.say(WAITING_INPUT, reason)
+                        print(reason, file=sys.stderr)
                 else:
                     self.sequence = self.status.frames_in
                     self.say(RUNNING)

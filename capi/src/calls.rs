@@ -190,9 +190,9 @@ pub unsafe extern "C" fn mluc_refiner_publish(
         let refiner = unsafe { refiner.as_mut() }
             .ok_or_else(|| Failure::new(Code::Usage, "publish: null handle"))?;
         // SAFETY: by the caller's promise; every bit pattern is a sound Object.
-        let objects = unsafe { slice_of(objects, objects_count)? };
+        let objects = unsafe { slice_of("objects", objects, objects_count)? };
         // SAFETY: as above.
-        let indices = unsafe { slice_of(indices, indices_count)? };
+        let indices = unsafe { slice_of("indices", indices, indices_count)? };
         refiner.0.publish(objects, indices, Flags(flags))?;
         Ok(Code::Ok)
     })
@@ -272,8 +272,10 @@ pub unsafe extern "C" fn mluc_source_publish(
     name: *const c_char,
 ) -> i32 {
     guarded(|| {
-        // SAFETY: by the caller's promise; every bit pattern is a Point.
-        let (source, points) = unsafe { (opened(source)?, slice_of(points, points_count)?) };
+        // SAFETY: by the caller's promise.
+        let source = unsafe { opened(source)? };
+        // SAFETY: as above; every bit pattern is a Point.
+        let points = unsafe { slice_of("points", points, points_count)? };
         // SAFETY: by the caller's promise.
         let name = (!name.is_null()).then(|| unsafe { CStr::from_ptr(name) }.to_string_lossy());
         source.publish(points, stamp_ns, name.as_deref())?;
@@ -293,12 +295,12 @@ pub unsafe extern "C" fn mluc_source_finish(source: *mut MlucSource, timeout_ms:
 
 /// # Safety
 /// `first` points to `count` elements, or `count` is 0.
-unsafe fn slice_of<'a, T>(first: *const T, count: usize) -> Result<&'a [T], Failure> {
+unsafe fn slice_of<'a, T>(what: &str, first: *const T, count: usize) -> Result<&'a [T], Failure> {
     if count == 0 {
         return Ok(&[]);
     }
-    if first.is_null() {
-        let words = "publish: null where elements should be";
+    if first.is_null() || count > isize::MAX as usize / size_of::<T>() {
+        let words = format!("publish: {what}: expected {count} elements, found address {first:?}");
         return Err(Failure::new(Code::Usage, words));
     }
     // SAFETY: by the caller's promise.

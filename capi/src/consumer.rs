@@ -50,8 +50,10 @@ impl Consumer {
 
     /// Waits for the newest frame that keeps the contract; others are refused and logged. [`Code::Ok`]: it came.
     pub(crate) fn wait(&mut self, timeout: Duration) -> Result<Code, Failure> {
-        self.frame = None;
-        self.frames.release();
+        // Only after a frame: until one comes, the oldest scan may be its own.
+        if self.frame.take().is_some() {
+            self.frames.release();
+        }
         let begun_ns = monotonic_ns();
         loop {
             let spent = Duration::from_nanos(monotonic_ns() - begun_ns);

@@ -88,6 +88,9 @@ impl Source {
             return self.shell.state(HealthState::Running, "");
         }
         let reason = format!("waiting for {} to be ready", missing.join(", "));
+        if self.shell.health.reason() != reason {
+            tracing::info!("{reason}");
+        }
         self.shell.state(HealthState::WaitingInput, &reason)
     }
 

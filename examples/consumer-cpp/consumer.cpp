@@ -37,8 +37,9 @@ int main() {
     while (code == MLUC_OK || code == MLUC_TIMEOUT) {
         mluc_result result;
         code = mluc_consumer_wait(consumer, 1000, &result);
-        if (code != MLUC_OK) continue;
         const char *state = result.status ? kStates[result.status->state] : kStates[0];
+        if (code == MLUC_TIMEOUT) std::fprintf(stderr, "no frame: %s\n", state);
+        if (code != MLUC_OK) continue;
         std::printf("{\"sequence\": %llu, \"state\": \"%s\", \"objects\": [", (unsigned long long)result.header->sequence, state);
         bool is_first = true;
         for (size_t i = 0; i < result.objects_count; ++i) {

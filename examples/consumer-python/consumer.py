@@ -3,13 +3,17 @@
     MLUC_INSTANCE=default python3 examples/consumer-python/consumer.py
 """
 import json
+import sys
 
 import numpy as np
 import mluc
 
 consumer = mluc.Consumer()
-for frame in consumer.frames():
+for frame in consumer.frames(silence_s=1):
     state, reason, _ = consumer.status() or ("starting", "", None)
+    if frame is None:
+        print(f"no frame: {state} {reason}", file=sys.stderr)
+        continue
     found = []
     for o in frame.objects[frame.objects["disposition"] == mluc.PUBLISHED]:
         points = frame.points[frame.points_of(o)]

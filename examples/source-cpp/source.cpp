@@ -1,4 +1,4 @@
-// A source in C++: scans into the pipeline, at 10 Hz, here from a folder of KITTI's .bin. Yours come from a sensor.
+// A source in C++: scans into the pipeline, at about 10 Hz, here from a folder of KITTI's .bin. Yours come from a sensor.
 //
 //     mluc up --config mluc.toml      # [stages.ingest] command = ["build/source-cpp/source", "DIR"]
 //     mluc up --without ingest        # or started by hand: then build/source-cpp/source DIR

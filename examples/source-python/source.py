@@ -1,4 +1,4 @@
-"""A source in Python: numpy arrays into the pipeline, at 10 Hz, here from a folder of KITTI's .bin or of .npy files.
+"""A source in Python: numpy arrays into the pipeline, at about 10 Hz, here from a folder of KITTI's .bin or of .npy files.
 
     mluc up --config mluc.toml      # [stages.ingest] command = ["python3", "examples/source-python/source.py", "DIR"]
     mluc up --without ingest        # or started by hand: then python3 examples/source-python/source.py DIR

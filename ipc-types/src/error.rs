@@ -46,8 +46,8 @@ pub enum ContractError {
     /// Numbers that contradict each other or the contract.
     #[error("{what}: entry {index} breaks the contract")]
     Inconsistent { what: &'static str, index: usize },
-    /// A number that is not finite.
-    #[error("{what}: entry {index} is not finite")]
+    /// A number that is not finite, or outside of what it may be.
+    #[error("{what}: entry {index} has a number that is not finite or out of its range")]
     NotFinite { what: &'static str, index: usize },
 }
 

@@ -148,6 +148,18 @@ pub struct EgoPose {
     pub reserved: u32,
 }
 
+impl EgoPose {
+    /// A pose; `is_known`: 0 where it is not known, else who tells it.
+    pub fn new(position_m: [f64; 3], yaw_rad: f64, is_known: u32) -> EgoPose {
+        EgoPose {
+            position_m,
+            yaw_rad,
+            is_known,
+            reserved: 0,
+        }
+    }
+}
+
 /// Carried by every message of a frame; the last one holds the whole latency story.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]

@@ -8,9 +8,8 @@ use anyhow::{Context, bail, ensure};
 use mluc_ipc_types::{EgoPose, Flags};
 
 use crate::files::{self, Format, Layout};
-use crate::merged::pose as pose_of;
 use crate::motion::{NO_TIMES, Trajectory};
-use crate::{Scan, SourceError, ending, refused};
+use crate::{Scan, SourceError, ending, merged::pose as pose_of, refused};
 
 /// Bytes read of one scan: 4 million points; the rest could not be used anyway.
 const SCAN_BYTES_MAX: u64 = 64 << 20;
@@ -337,12 +336,7 @@ fn pose(line: &str) -> Option<EgoPose> {
     let [x, y, z, yaw_rad] = numbers.collect::<Option<Vec<f64>>>()?[..] else {
         return None;
     };
-    Some(EgoPose {
-        position_m: [x, y, z],
-        yaw_rad,
-        is_known: 1,
-        ..EgoPose::default()
-    })
+    Some(EgoPose::new([x, y, z], yaw_rad, 1))
 }
 
 #[cfg(test)]

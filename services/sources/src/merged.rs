@@ -11,8 +11,7 @@ use mluc_ipc_types::{EgoPose, Flags};
 use nalgebra::{IsometryMatrix3, Point3, Rotation3, Translation3};
 use serde::{Deserialize, Serialize};
 
-use crate::recording::LOOKS_MAX;
-use crate::{Kind, Next, Open, Scan, Source, files::Layout};
+use crate::{Kind, Next, Open, Scan, Source, files::Layout, recording::LOOKS_MAX};
 
 /// `[[lidar]]`: one of several sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -343,12 +342,7 @@ mod tests {
             let stamp = self.0.next();
             scan.received_ns = stamp.map(|ms| ms * 1_000_000);
             scan.bytes = vec![0; 16];
-            scan.pose = Some(EgoPose {
-                position_m: [10.0, 0.0, 0.0],
-                yaw_rad: std::f64::consts::PI,
-                is_known: 1,
-                reserved: 0,
-            });
+            scan.pose = Some(EgoPose::new([10.0, 0.0, 0.0], std::f64::consts::PI, 1));
             Ok(stamp.map_or(Next::NotYet, |_| Next::Scan))
         }
 

@@ -6,8 +6,7 @@ use mluc_ipc_types::{EgoPose, Flags};
 use nalgebra::{IsometryMatrix3, Quaternion, Translation3, UnitQuaternion};
 
 use crate::files::{Cloud, Layout, Reader};
-use crate::merged::pose;
-use crate::{Deskew, Scan, SourceError};
+use crate::{Deskew, Scan, SourceError, merged::pose};
 
 /// Messages that tell of motion, in CDR.
 pub const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
@@ -224,12 +223,8 @@ impl Scan {
                 point[..12].copy_from_slice(moved.as_flattened());
             }
         }
-        self.pose = Some(EgoPose {
-            position_m: here.translation.vector.into(),
-            yaw_rad: here.rotation.euler_angles().2,
-            is_known: 1,
-            ..EgoPose::default()
-        });
+        let (_, _, yaw_rad) = here.rotation.euler_angles();
+        self.pose = Some(EgoPose::new(here.translation.vector.into(), yaw_rad, 1));
         Ok(())
     }
 }

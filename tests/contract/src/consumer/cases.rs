@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, ensure};
 use mluc_geometry::Random;
-use mluc_ipc_types::{Stage, WIRE_VERSION};
+use mluc_ipc_types::Stage;
 use mluc_runtime::ClaimNote;
 use rustix::process::Signal;
 use serde_json::Value;
@@ -115,9 +115,7 @@ type Spoil = fn(&mut Frame);
 
 fn hostile_headers(session: &mut Session) -> Outcome {
     let spoils: [(&str, Spoil); 6] = [
-        ("another wire version", |f| {
-            f.header.wire_version = WIRE_VERSION + 41
-        }),
+        ("another wire version", |f| f.header.wire_version += 41),
         ("another run", |f| f.header.run_id ^= 1),
         ("another model", |f| f.header.model_fingerprint ^= 1),
         ("sequence 2^64-1", |f| f.header.sequence = u64::MAX),
