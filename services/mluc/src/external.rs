@@ -45,11 +45,9 @@ pub(crate) fn external(program: &str, first: &[&str]) -> anyhow::Result<ExitCode
         }
     }
     // Only returns when it fails.
-    let error = Command::new(installed_program(program))
-        .args(first)
-        .args(own.iter().skip(1))
-        .env(LOG_FORMAT_VARIABLE, format)
-        .exec();
+    let mut command = Command::new(installed_program(program));
+    command.args(first).args(own.iter().skip(1));
+    let error = command.env(LOG_FORMAT_VARIABLE, format).exec();
     if error.kind() == ErrorKind::NotFound {
         let own = std::env::current_exe().unwrap_or_default();
         bail!(

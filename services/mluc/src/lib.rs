@@ -60,12 +60,9 @@ pub fn main(has_stdout: bool) -> ExitCode {
         choose_log_format(format);
     }
     // A stage writes nothing there.
-    if !has_stdout
-        && !matches!(
-            cli.command,
-            Command::Stage(_) | Command::Clean { .. } | Command::Exec { .. }
-        )
-    {
+    use Command::{Clean, Exec, Stage};
+    let is_silent = matches!(cli.command, Stage(_) | Clean { .. } | Exec { .. });
+    if !has_stdout && !is_silent {
         print_err("mluc: standard output is closed: results would be lost");
         return ExitCode::from(EXIT_FAILURE);
     }

@@ -6,9 +6,8 @@ use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, ensure};
 
-use crate::files::Layout;
 use crate::folder::{Folder, scan_files};
-use crate::{LiveScans, Next, Scan};
+use crate::{LiveScans, Next, Scan, files::Layout};
 
 /// What such an input begins with.
 pub const FOLLOW: &str = "follow:";

@@ -127,6 +127,24 @@ pub fn ros2_topic(input: &Path) -> Option<&str> {
     input.to_str()?.strip_prefix("ros2:")
 }
 
+/// Options of the layout that this input has no use for.
+pub fn idle_options(input: &Path, layout: &Layout) -> Vec<&'static str> {
+    let ending = ending(input);
+    let is_packets = address(input).is_some() || matches!(&*ending, "pcap" | "pcapng");
+    let is_topic = ros2_topic(input).is_some();
+    let is_recording = recording::within(input, &ending).is_some();
+    let is_files = !(is_packets || is_topic || is_recording);
+    let has_odometry = layout.deskew && (is_topic || is_recording);
+    let options = [
+        ("columns", !layout.columns.is_empty() && !is_files),
+        ("calibration", layout.calibration.is_some() && !is_packets),
+        ("topic", layout.topic.is_some() && !is_recording),
+        ("odometry", layout.odometry.is_some() && !has_odometry),
+    ];
+    let idle = options.into_iter().filter(|(_, is_idle)| *is_idle);
+    idle.map(|(name, _)| name).collect()
+}
+
 impl Source {
     /// A source of another program's kind. Errors: the layout asks for a part of it.
     pub fn live(scans: impl LiveScans + 'static, layout: &Layout) -> anyhow::Result<Source> {

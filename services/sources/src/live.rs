@@ -290,4 +290,28 @@ mod tests {
         }
         assert!(address(Path::new("udp:x")).unwrap().is_err());
     }
+
+    #[test]
+    fn options_without_an_effect_are_told_by_the_kind_of_input() {
+        let mut layout = Layout {
+            columns: vec!["x".into()],
+            calibration: Some("any".into()),
+            topic: Some("any".into()),
+            odometry: Some("any".into()),
+            ..Layout::default()
+        };
+        for (input, deskew, idle) in [
+            ("scans", false, "calibration topic odometry"),
+            ("follow:scans", true, "calibration topic odometry"),
+            ("udp:2368", false, "columns topic odometry"),
+            ("drive.pcap", false, "columns topic odometry"),
+            ("drive.mcap", false, "columns calibration odometry"),
+            ("drive.mcap", true, "columns calibration"),
+            ("ros2:/points", true, "columns calibration topic"),
+        ] {
+            layout.deskew = deskew;
+            let found = crate::idle_options(Path::new(input), &layout);
+            assert_eq!(found.join(" "), idle, "{input}");
+        }
+    }
 }

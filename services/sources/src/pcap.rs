@@ -313,14 +313,9 @@ pub(crate) mod tests {
         udp.extend(payload);
         let mut frames = vec![];
         for (i, part) in udp.chunks(1000).enumerate() {
-            let mut ip = Ipv4Header::new(
-                part.len() as u16,
-                9,
-                etherparse::IpNumber::UDP,
-                [10, 0, 0, 1],
-                [10, 0, 0, 2],
-            )
-            .unwrap();
+            let (bytes, protocol) = (part.len() as u16, etherparse::IpNumber::UDP);
+            let ip = Ipv4Header::new(bytes, 9, protocol, [10, 0, 0, 1], [10, 0, 0, 2]);
+            let mut ip = ip.unwrap();
             ip.dont_fragment = false;
             ip.more_fragments = (i + 1) * 1000 < udp.len();
             ip.fragment_offset = IpFragOffset::try_new(i as u16 * 125).unwrap();

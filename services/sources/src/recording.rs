@@ -11,10 +11,8 @@ use mcap::{Channel, Summary, io::MessageReader};
 use mluc_ipc_types::Flags;
 
 use crate::files::{CLOUDS, Cloud, Layout};
-use crate::folder::has_scans;
 use crate::motion::{Odometry, POSES, TF};
-use crate::rounds::Rounds;
-use crate::{Next, Scan, SourceError, numbered, refused};
+use crate::{Next, Scan, SourceError, folder::has_scans, numbered, refused, rounds::Rounds};
 
 /// Of a chunk or any other record: many times the largest scan.
 const RECORD_BYTES_MAX: usize = 256 << 20;

@@ -63,12 +63,8 @@ pub fn doctor(args: &DoctorArgs, open: Option<Open>) -> anyhow::Result<ExitCode>
         let sensor = args.sensor.as_deref().map(SensorProfile::load).transpose();
         let sensor = sensor.map_err(|error| UsageError(error.to_string()))?;
         let expected = Expected::new(&model.manifest, sensor);
-        findings.extend(input::findings(
-            input,
-            &args.layout.layout()?,
-            &expected,
-            open.unwrap_or(Source::open),
-        )?);
+        let (layout, open) = (args.layout.layout()?, open.unwrap_or(Source::open));
+        findings.extend(input::findings(input, &layout, &expected, open)?);
     }
     for (verdict, text) in &findings {
         let word = match verdict {

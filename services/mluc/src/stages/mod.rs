@@ -57,11 +57,9 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
         tracing::warn!("lock_memory: {why}; without it memory may be paged out");
     }
     // This thread is one of the pool's: whoever enters a pool from outside waits for it to wake up, and makes it allocate now and then.
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(own.threads)
-        .use_current_thread()
-        .build_global()
-        .context("starting the threads")?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(own.threads);
+    let pool = pool.use_current_thread().build_global();
+    pool.context("starting the threads")?;
     let shutdown = Shutdown::on_signals()?;
     let mut shell = Shell::stage(&settings.instance, stage, shutdown)?;
     shell.verify_mapping = settings.verify_mapping;

@@ -22,7 +22,7 @@ use mluc_runtime::{HealthWatch, Input, Instance, Message, Scans, Shell, Shutdown
 use crate::settings::{Pace, Settings};
 use crate::{EXIT_WARNINGS, UsageError, document, model};
 use crate::{cli::PipelineArgs, control::Control, model::PinnedModel, stages::begin_or_join_run};
-use mluc_sources::Source;
+use mluc_sources::{Source, idle_options};
 use rustix::process::Signal;
 
 use child::{Child, Ended};
@@ -246,6 +246,10 @@ fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> 
         tracing::warn!(
             "pace complete is our own ingest's: the program in its place sends as it likes"
         );
+    }
+    let input = settings.input.as_deref();
+    for option in input.map_or(vec![], |input| idle_options(input, &settings.layout)) {
+        tracing::warn!("{option} has no effect on this input");
     }
     let ingest = &settings.stages.ingest;
     let is_elsewhere = settings.reads_ros2();

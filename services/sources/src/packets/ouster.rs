@@ -280,11 +280,8 @@ impl Metadata {
             // Its frame has been given out.
             Some(1..=FRAMES_LATE) => return Ok(()),
             since => {
-                sweep.cut(
-                    since.is_some() && !sweep.was_silent(),
-                    rank.unwrap_or(0) as u32,
-                    on,
-                );
+                let is_whole = since.is_some() && !sweep.was_silent();
+                sweep.cut(is_whole, rank.unwrap_or(0) as u32, on);
                 self.last_frame = Some(frame);
             }
         }

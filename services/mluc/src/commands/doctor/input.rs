@@ -8,7 +8,7 @@ use mluc_ingest::{Expected, decode_bin, inspect_bin};
 use mluc_ipc_types::{Flags, POINTS_MAX, Point};
 
 use super::{Failure, Finding, Fine, Warning};
-use mluc_sources::{Next, Open, Scan, files::Layout};
+use mluc_sources::{Next, Open, Scan, files::Layout, idle_options};
 
 /// Scans that are looked at, spread over the input.
 const SCANS: u64 = 20;
@@ -64,6 +64,8 @@ pub(super) fn findings(
         findings.push((Fine, about_model(expected)));
     }
     findings.extend(reasons.iter().map(|reason| (Warning, reason.to_string())));
+    let idle = idle_options(input, layout).into_iter();
+    findings.extend(idle.map(|option| (Warning, format!("{option} has no effect on this input"))));
     if !damaged.is_empty() {
         let text = format!(
             "scans that are empty, cut short or unreadable: {}",
