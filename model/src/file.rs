@@ -99,13 +99,9 @@ fn read_manifest(json: &str) -> Result<Manifest> {
     let loose: serde_json::Value = serde_json::from_str(json)?;
     let (format, expected) = (&loose["format"], Manifest::FORMAT);
     if *format != expected {
+        let found = format.to_string().replace("null", "none");
         return Err(ModelError::File(format!(
-            "has format {}, this program reads format {expected}: train it again or convert it",
-            if format.is_null() {
-                "none".into()
-            } else {
-                format.to_string()
-            }
+            "has format {found}, this program reads format {expected}: train it again or convert it"
         )));
     }
     let manifest: Manifest = serde_json::from_str(json)?;

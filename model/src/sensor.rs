@@ -238,10 +238,8 @@ mod tests {
         let behind = profile.blind[0];
         assert!(behind.hides(-165.0, -11.0) && !behind.hides(-165.0, -9.0));
         let written = toml::to_string(&profile).expect("written");
-        assert_eq!(
-            SensorProfile::parse(&written, "written").expect("read"),
-            profile
-        );
+        let read = SensorProfile::parse(&written, "written").expect("read");
+        assert_eq!(read, profile);
     }
 
     #[test]

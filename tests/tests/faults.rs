@@ -129,13 +129,9 @@ fn a_stage_that_dies_again_and_again_is_a_crash_loop_and_waits_longer_each_time(
     setting.stop(run).assert_ended(0, 0);
 }
 
-fn full() -> File {
-    let full = File::options().write(true).open("/dev/full");
-    full.expect("Linux has it")
-}
-
 #[test]
 fn a_demo_that_cannot_be_printed_ends_with_an_error_and_leaves_nothing() {
+    let full = || File::create("/dev/full").expect("Linux has it");
     let folder = tempfile::tempdir().expect("a folder");
     let picture = folder.path().join("picture.png");
     let mut demo = Command::new(mluc_program());

@@ -157,10 +157,8 @@ fn shared_memory_that_is_too_small_is_named_and_one_that_fills_up_later_harms_no
         run.stop().assert_says(&["stages restarted: 0"]);
     }
     // Ingest's scans, which the refiner holds, and those of the next ingest have no room beside each other.
-    let kill = format!(
-        "(sleep 4; pkill -9 -f 'ingest --instance {}') &",
-        setting.instance
-    );
+    let name = &setting.instance;
+    let kill = format!("(sleep 4; pkill -9 -f 'ingest --instance {name}') &");
     if let Some(mut run) = with_shared_memory(&setting, "--loop", "512m", &kill) {
         run.wait_for_words("restart in");
         run.wait_for_lines(20);

@@ -9,11 +9,6 @@ use std::f64::consts::FRAC_PI_2;
 use mluc_geometry::{Box3, iou_3d, iou_bev};
 use mluc_tests::{oracle, read_json};
 
-fn box_of(value: &serde_json::Value) -> Box3 {
-    let numbers: [f64; 7] = serde_json::from_value(value.clone()).expect("seven numbers");
-    Box3::new(numbers)
-}
-
 /// Whether a line along a side of `a` or `b` has the two footprints on its two sides, to 1 nm.
 fn separated(a: &Box3, b: &Box3) -> bool {
     let offset = [b.center_m[0] - a.center_m[0], b.center_m[1] - a.center_m[1]];
@@ -36,7 +31,8 @@ fn oracle_rotated_iou_agrees_within_1e_6() {
     assert!(!pairs.is_empty(), "no pairs");
     let (mut worst, mut impossible) = (0.0f64, 0);
     for (i, pair) in pairs.iter().enumerate() {
-        let (a, b) = (box_of(&pair["a"]), box_of(&pair["b"]));
+        let numbers = |name: &str| serde_json::from_value(pair[name].clone());
+        let [a, b] = ["a", "b"].map(|name| Box3::new(numbers(name).expect("seven numbers")));
         for (name, found) in [("iou_bev", iou_bev(&a, &b)), ("iou_3d", iou_3d(&a, &b))] {
             let title = format!("pair {i}, {name}");
             let mut expected = pair[name].as_f64().expect("a number");

@@ -1,18 +1,13 @@
 //! The report: what was judged, made into rows, figures, pictures, JSON and a page.
 
-use crate::Layout;
-use crate::Result;
-use crate::combine::combine;
 use crate::evaluate::{BOOTSTRAP_SEED, key, read_model, setting_rules, step_key};
 use crate::evaluated::{ByRow, Evaluated};
-use crate::layout::write_whole;
 use crate::methods::{METHODS, Method, full_steps};
 use crate::options::{Options, Screen, TestFrames, Tests};
-use crate::pictures::figure6_scene;
-use crate::real::real_rows;
 use crate::report::{ReproductionReport, figure5, figure6, page};
-use crate::simulate::Simulation;
 use crate::train::{BASE, NETWORKS, command_of};
+use crate::{Layout, Result, combine::combine, layout::write_whole, pictures::figure6_scene};
+use crate::{real::real_rows, simulate::Simulation};
 use mluc_dataset::{Dataset, data_hash};
 use mluc_evaluate::{EvaluateError, JudgedFrames, LabelledFrame};
 use serde_json::{Value, json};

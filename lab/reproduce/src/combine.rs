@@ -9,6 +9,9 @@ use std::collections::BTreeMap;
 /// One row from the evaluations of its seeds: the spread is over seeds where there are several, else over draws of the frames.
 pub(crate) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
     let first = seeds.first()?;
+    // Points that keep nine tenths of the first one's mAP.
+    let closed = first.curve.first().map_or(0.0, |point| point.map_known);
+    let keeps = |point: &&SweepPoint| point.map_known >= KNOWN_KEPT_MIN * closed;
     let over_seeds = |of: &dyn Fn(&Evaluated) -> Vec<(String, f64)>| {
         let mut values: BTreeMap<String, Vec<f64>> = BTreeMap::new();
         for (name, value) in seeds.iter().flat_map(of) {
@@ -42,16 +45,9 @@ pub(crate) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
             let honest = e.honest.iter().flat_map(|h| &h.figures);
             honest.map(|(name, value)| (name.clone(), *value)).collect()
         }),
-        curve: kept(&first.curve),
+        curve: first.curve.iter().filter(keeps).copied().collect(),
         figures,
     })
-}
-
-/// Points that keep nine tenths of the first one's mAP.
-fn kept(curve: &[SweepPoint]) -> Vec<SweepPoint> {
-    let closed = curve.first().map_or(0.0, |point| point.map_known);
-    let keeps = |point: &&SweepPoint| point.map_known >= KNOWN_KEPT_MIN * closed;
-    curve.iter().filter(keeps).copied().collect()
 }
 
 #[cfg(test)]

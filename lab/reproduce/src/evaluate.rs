@@ -1,10 +1,9 @@
 //! The step that judges every row on one network.
 
-use crate::evaluated::Evaluated;
 use crate::layout::{Layout, Run};
 use crate::methods::{Method, MethodInput, MethodRow, full_steps, run_method};
 use crate::options::{Screen, TestFrames};
-use crate::{Result, Setting};
+use crate::{Result, Setting, evaluated::Evaluated};
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{
     DetectedFrame, GatedObjects, detect_frames, paper_rules, separation, unknown_classes,

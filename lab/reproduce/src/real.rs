@@ -3,8 +3,7 @@
 use crate::evaluated::{ByRow, Evaluated};
 use crate::methods::{METHODS, MethodInput, MethodRow, run_method};
 use crate::options::{Screen, TestFrames};
-use crate::{Result, Setting};
-use crate::{evaluate::read_model, layout::Layout};
+use crate::{Result, Setting, evaluate::read_model, layout::Layout};
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, folder_tail, unknown_classes};
 use mluc_evaluate::{

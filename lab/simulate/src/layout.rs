@@ -271,12 +271,8 @@ impl Layout<'_> {
                 dice.range(0.9, 1.4)
             };
             let yaw = dice.sign() * slant + dice.normal(0.0, 0.04);
-            return self.at(
-                side * (g.half_width_m + dice.range(1.6, 3.2)),
-                range,
-                yaw,
-                dice,
-            );
+            let across = side * (g.half_width_m + dice.range(1.6, 3.2));
+            return self.at(across, range, yaw, dice);
         }
         let weights = match class {
             Class::GolfCart | Class::Forklift => [0.2, 0.25, 0.35, 0.2],

@@ -451,10 +451,8 @@ mod tests {
         let (mut highest, mut lowest, mut blind) = (0.0f32, 0.0f32, 0);
         for shot in shots {
             let (start, level) = sensor.ray(shot);
-            assert!(
-                (start - v(sin, 0.0, cos) * 0.1).length() < 1e-6,
-                "{start:?}"
-            );
+            let off = (start - v(sin, 0.0, cos) * 0.1).length();
+            assert!(off < 1e-6, "{start:?}");
             // In the frame of the tilted sensor.
             let [x, y, z] = level.to_array();
             let ray = v(x * cos - z * sin, y, x * sin + z * cos);

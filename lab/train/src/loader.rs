@@ -9,14 +9,11 @@ use crossbeam_channel::{Receiver, bounded};
 use mluc_geometry::Random;
 use mluc_model::{AnchorClass, HeadKind, Manifest, VoxelInput};
 
-use crate::anchors::Anchors;
 use crate::augment::{Augmentation, crop};
-use crate::batch_targets::BatchTargets;
-use crate::database::Database;
-use crate::error::TrainError;
 use crate::kind::Setting;
 use crate::plan::{Plan, Planner};
 use crate::targets::{CellClass, CellLabel, Targets};
+use crate::{anchors::Anchors, batch_targets::BatchTargets, database::Database, error::TrainError};
 use crate::{scan::LabelledScan, settings::TrainSettings, source::ScanSource, stream, thin::thin};
 
 /// Batches of a thread that wait at most: bounds the memory.

@@ -10,13 +10,10 @@ use mluc_model::{HeadKind, Model, VoxelInput, model_bytes};
 
 use crate::embedding::{FrameFeatures, PointEmbedding};
 use crate::error::{TrainError, diverged, refused};
-use crate::import::model_path;
 use crate::log::{Log, Progress, TrainEvent};
 use crate::optimizer::{Adam, Schedule};
-use crate::scan::LabelledScan;
-use crate::settings::TrainSettings;
-use crate::source::ScanSource;
 use crate::{check, run_folder};
+use crate::{import::model_path, scan::LabelledScan, settings::TrainSettings, source::ScanSource};
 
 /// Points of an instance that a step looks at.
 const INSTANCE_POINTS: usize = 48;
@@ -46,11 +43,8 @@ pub fn train_osis(
     let _lock = run_folder::enter(&settings.out)?;
     let out = settings.out.join("model.safetensors");
     let channels = network.feature_channels();
-    let data = settings
-        .data
-        .file_name()
-        .unwrap_or_default()
-        .to_string_lossy();
+    let data = settings.data.file_name().unwrap_or_default();
+    let data = data.to_string_lossy();
     let is_done = |found: Model| {
         let from = &found.manifest.provenance;
         let mut trunk = model.weights.iter();

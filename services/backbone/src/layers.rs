@@ -2,16 +2,11 @@
 
 use mluc_model::{DenseLayer, Manifest, WeightSet};
 
-use crate::cells::CellSet;
 use crate::error::{BackboneError, Result};
-use crate::features::Features;
 use crate::plane::{Coverage, MapRows, PlaneLayer};
-use crate::precision::Value;
-use crate::quant_scale::QuantScale;
-use crate::sites::Sites;
-use crate::sparse::SparsePart;
 use crate::trace::{Place, Watch};
-use crate::voxelize::PointCounts;
+use crate::{cells::CellSet, features::Features, precision::Value, quant_scale::QuantScale};
+use crate::{sites::Sites, sparse::SparsePart, voxelize::PointCounts};
 
 /// What a frame gave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -10,8 +10,7 @@ use crate::convolutions::{RowHead, RowHeads, read_all};
 use crate::decode::{Anchors, BOX_CODES, decode, direct};
 use crate::gate::{gate_by, is_unknown, threshold_of};
 use crate::vote::{VOTE_IOU_MIN, Votes};
-use crate::{HeadCounts, HeadError};
-use crate::{memory::Memory, prototypes::Prototypes};
+use crate::{HeadCounts, HeadError, memory::Memory, prototypes::Prototypes};
 
 /// Embeddings and logits from here on make no scores: their squares stay within f32.
 const VALUE_MAX: f32 = 1e9;

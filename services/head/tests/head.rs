@@ -244,9 +244,7 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     row[103] = 1.5;
     let (detections, counts) = detect(&mut head, &[cell as u32], &row)?;
     assert_eq!((detections.len(), counts.boxes_max_reached), (1, true));
-    assert!(
-        detections[0].has_class(),
-        "the box with a class comes first"
-    );
+    let has_class = detections[0].has_class();
+    assert!(has_class, "the box with a class comes first");
     Ok(())
 }

@@ -34,11 +34,8 @@ impl Writers {
         let mut writers = vec![];
         for (place, own) in topics().into_iter().enumerate() {
             let [depth, behind] = [DEPTH, BEHIND_MAX].map(|of| of[usize::from(place > 0)]);
-            let qos = keep(
-                QosPolicyBuilder::new().reliable(Duration::ZERO),
-                depth,
-                behind,
-            );
+            let reliable = QosPolicyBuilder::new().reliable(Duration::ZERO);
+            let qos = keep(reliable, depth, behind);
             let topic = topic(&participant, own.name, own.schema, &qos)?;
             let writer = publisher.create_datawriter_no_key(&topic, Some(qos));
             writers.push((writer.with_context(|| format!("topic {}", own.name))?, 0));

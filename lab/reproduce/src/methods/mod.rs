@@ -73,13 +73,8 @@ impl<'a> MethodInput<'a> {
 /// Runs a method: its objects at every threshold. The result does not depend on the number of threads.
 pub fn run_method(method: Method, input: &MethodInput) -> Result<GatedObjects> {
     method.check(input.model)?;
-    let refined = |gate, variant| {
-        let settings = Settings {
-            variant,
-            ..Settings::default()
-        };
-        input.refined(input.model, gate, input.frames, &settings)
-    };
+    let refined =
+        |gate, variant| input.refined(input.model, gate, input.frames, &Settings::of(variant));
     match method {
         // A class that counts as unknown is told by its name.
         Method::ClosedSet | Method::Supervised => {

@@ -3,6 +3,8 @@
 //! A point is unknown only if every box that holds it is below the threshold; points in no box qualify too, hence trees and walls.
 //! `osis-geo` tells points apart by place alone; `osis` by a learned embedding too, which also takes out what it holds for background.
 
+use std::f64::consts::FRAC_PI_2;
+
 use super::MethodInput;
 use super::dbscan::{Group, cluster};
 use super::osis_embedding::{Embedder, Standing};
@@ -127,11 +129,8 @@ fn object(left: &[&Standing], scores: &[f32], group: &Group) -> Option<SensorDet
     let ([cx, cy], [l, w]) = (rectangle.center_m(), rectangle.size_m());
     let [low, high] = points.z_range_m()?;
     // The longer side is the heading.
-    let (l, w, yaw) = if l >= w {
-        (l, w, rectangle.yaw_rad)
-    } else {
-        (w, l, rectangle.yaw_rad + std::f64::consts::FRAC_PI_2)
-    };
+    let turn_rad = if l >= w { 0.0 } else { FRAC_PI_2 };
+    let (l, w, yaw) = (l.max(w), l.min(w), rectangle.yaw_rad + turn_rad);
     let unsure: f32 = group.iter().map(|i| scores[*i]).sum();
     let size = |v: f64| v.max(0.1) as f32;
     let [x, y] = [origin[0] + cx as f32, origin[1] + cy as f32];

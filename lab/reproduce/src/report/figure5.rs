@@ -64,14 +64,10 @@ fn draw_panel(area: &Area, setting: &str, rows: &Rows, (name, figure, of): Shown
         .x_label_area_size(36)
         .y_label_area_size(36)
         .build_cartesian_2d(0.0..100.0, low..high)?;
-    chart
-        .configure_mesh()
-        .x_desc("recall of the unknown, %")
-        .x_labels(6)
-        .y_labels(6)
-        .light_line_style(TRANSPARENT)
-        .label_style((FONT, 12))
-        .draw()?;
+    let mut mesh = chart.configure_mesh();
+    mesh.x_desc("recall of the unknown, %").x_labels(6);
+    mesh.y_labels(6).label_style((FONT, 12));
+    mesh.light_line_style(TRANSPARENT).draw()?;
     for (method, figures) in present(rows) {
         let [r, g, b] = method.color;
         let color = RGBColor(r, g, b);

@@ -34,11 +34,8 @@ pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
             let radius_m = dice.range(radii_m[0], radii_m[1]);
             let behind_m = reach_m * dice.unit();
             let aside_m = dice.spread(at.half[1]);
-            let center = v(
-                -at.half[0] - behind_m,
-                aside_m,
-                radius_m * dice.range(0.7, 1.6),
-            );
+            let up_m = radius_m * dice.range(0.7, 1.6);
+            let center = v(-at.half[0] - behind_m, aside_m, up_m);
             let radii = v(1.5, 1.0, 0.8) * radius_m;
             let thin = porous(0.3, dice.range(0.8, 0.97));
             mesh.blob(center, radii, (5, 7), 0.3, dice, thin);

@@ -98,6 +98,7 @@ impl SensorEstimate {
         // What scans do not show, or not in every place: as a product with the same beams has it.
         let product = self.product().map(|near| near.profile);
         let longest_m = self.range_longest_m.clamp(5.0, 500.0);
+        let noise_m = range_noise_m.or(product.as_ref().map(|p| p.range_noise_m));
         SensorProfile {
             name: name.to_string(),
             source: format!(
@@ -113,10 +114,7 @@ impl SensorEstimate {
             range_m: product.as_ref().map_or([RANGE_SHORTEST_M, longest_m], |p| {
                 [p.range_m[0], p.range_m[1].max(longest_m)]
             }),
-            range_noise_m: range_noise_m
-                .or(product.map(|p| p.range_noise_m))
-                .unwrap_or(RANGE_NOISE_M)
-                .min(0.5),
+            range_noise_m: noise_m.unwrap_or(RANGE_NOISE_M).min(0.5),
             height_m: self.height_m,
             pitch_deg: self.pitch_deg.clamp(-30.0, 30.0),
             roll_deg: self.roll_deg.clamp(-30.0, 30.0),

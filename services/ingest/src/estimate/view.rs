@@ -181,10 +181,8 @@ mod tests {
             view.sees_nothing()
         };
         let zeros = [Point::default(); 100];
-        assert_eq!(
-            [told(&zeros), told(&[]), told(&ring(0, 36))],
-            [true, true, false]
-        );
+        let found = [told(&zeros), told(&[]), told(&ring(0, 36))];
+        assert_eq!(found, [true, true, false]);
         assert!(!View::new(None).sees_nothing(), "not looked yet");
     }
 

@@ -88,10 +88,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let (split, shard) = (arguments.split.as_deref(), arguments.shard);
     let set = FrameSet::open(&arguments.data, split, arguments.frames)?;
     let set = shard.map_or(set.clone(), |shard| set.shard(shard));
-    let settings = Settings {
-        variant: arguments.refiner,
-        ..Settings::default()
-    };
+    let settings = Settings::of(arguments.refiner);
     // Parts of two processors must not differ in it.
     let (precision, _) = arguments.precision.chosen(&model.manifest, &model.weights);
     let frames = if arguments.parts.is_empty() {

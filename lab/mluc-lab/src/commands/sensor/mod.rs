@@ -89,12 +89,8 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
         if next != Next::Scan {
             break;
         }
-        let (name, is_read) = (&scan.name, !scan.bytes.is_empty());
-        ensure!(
-            is_read,
-            "{}: scan {name} is empty or cannot be read",
-            input.display()
-        );
+        let (path, name, is_read) = (input.display(), &scan.name, !scan.bytes.is_empty());
+        ensure!(is_read, "{path}: scan {name} is empty or cannot be read");
         let points = bin_points(&scan.bytes).filter(Point::is_finite);
         let points: Vec<Point> = points.collect();
         let not_finite = scan.bytes.len() / POINT_BYTES - points.len();
