@@ -45,6 +45,9 @@ pub(crate) struct RunArgs {
     /// auto, f32, bf16 or int8 [default: auto].
     #[arg(long)]
     pub(crate) precision: Option<String>,
+    /// The sensor: a product, or a TOML file like those of sensors/.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub(crate) sensor: Option<String>,
     /// What is published: quiet, balanced or all [default: balanced].
     #[arg(long)]
     pub(crate) profile: Option<String>,

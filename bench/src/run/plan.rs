@@ -133,6 +133,7 @@ impl Plan {
         let (input, rate_hz) = (self.input.display().to_string(), self.rate_hz.to_string());
         let optional = [
             ("--precision", &self.args.precision),
+            ("--sensor", &self.args.sensor),
             ("--profile", &self.args.profile),
             ("--min-score", &self.args.min_score),
             ("--min-unknown-score", &self.args.min_unknown_score),

@@ -40,23 +40,6 @@ pub(crate) fn match_frame(
     difficulty: Difficulty,
     bin: Option<(&Binned, usize)>,
 ) -> Curve {
-    let (truths, candidates) = prepare(frame, rule, metric, difficulty, bin);
-    let mut curve = Curve {
-        truth_count: truths.iter().filter(|truth| truth.valid).count(),
-        ..Curve::default()
-    };
-    match_by_score(&truths, &candidates, &mut curve);
-    collect_steps(&truths, &candidates, &mut curve);
-    curve
-}
-
-fn prepare(
-    frame: &LabelledFrame,
-    rule: &ClassRule,
-    metric: Metric,
-    difficulty: Difficulty,
-    bin: Option<(&Binned, usize)>,
-) -> (Vec<Truth>, Vec<Candidate>) {
     let is_outside = |side: usize, i: usize| bin.is_some_and(|(all, at)| all[side][i] != at);
     let mut candidates = Vec::new();
     let mut boxes = Vec::new();
@@ -98,7 +81,13 @@ fn prepare(
             near,
         });
     }
-    (truths, candidates)
+    let mut curve = Curve {
+        truth_count: truths.iter().filter(|truth| truth.valid).count(),
+        ..Curve::default()
+    };
+    match_by_score(&truths, &candidates, &mut curve);
+    collect_steps(&truths, &candidates, &mut curve);
+    curve
 }
 
 /// Whether more than a share of an image box lies in a region without labels.

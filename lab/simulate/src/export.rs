@@ -93,12 +93,6 @@ impl ExportOptions {
             let expected = "the split val or test";
             return Err(DatasetError::unexpected("unseen classes", expected, split));
         }
-        // The poses of frames that are there are not known.
-        if self.resume && self.sequence.is_some() {
-            let found = "a sequence, whose poses are not kept";
-            let expected = "an export to go on with";
-            return Err(DatasetError::unexpected(expected, "single frames", found));
-        }
         let is_any = self.family == Family::SimAny;
         let applies = |step: &Step| match step {
             Step::Street => is_any,

@@ -47,7 +47,6 @@ pub mod thin;
 pub mod trainer;
 #[cfg(test)]
 mod trainer_tests;
-mod validate;
 
 pub use check::check_known;
 pub use error::TrainError;
@@ -55,4 +54,5 @@ pub use kind::{Architecture, NetworkKind, Setting};
 pub use log::{Progress, TrainEvent};
 pub use osis::train_osis;
 pub use run::Run;
+pub use run_folder::enter;
 pub use settings::TrainSettings;

@@ -35,7 +35,7 @@ pub struct Batch {
 #[derive(Clone)]
 pub struct DataLoader {
     source: ScanSource,
-    augmentation: Option<Augmentation>,
+    augmentation: Augmentation,
     manifest: Manifest,
     /// Mean l, w, h of the known classes.
     classes_m: Vec<[f64; 3]>,
@@ -60,13 +60,13 @@ impl DataLoader {
         let sizes_m = manifest.classes.iter().map(|c| c.size_m.map(f64::from));
         let classes_m: Vec<_> = sizes_m.collect();
         let wanted = |class: &AnchorClass| settings.setting.objects_wanted(&class.name);
-        let augmentation = settings.augment.then(|| Augmentation {
+        let augmentation = Augmentation {
             database: Arc::new(database),
             wanted: manifest.classes.iter().map(wanted).collect(),
             synthetic_unknown: settings.synthetic_unknown(),
             classes_m: classes_m.clone(),
             mirror_x: settings.setting != Setting::Kitti,
-        });
+        };
         DataLoader {
             source,
             augmentation,
@@ -100,16 +100,15 @@ impl DataLoader {
             let frame = self.frame_number(place);
             let any_sensor = self.source.input == VoxelInput::Local;
             let (mut scan, _) = self.source.changed(frame, |points| {
-                if any_sensor && self.augmentation.is_some() {
+                if any_sensor {
                     thin(points, &mut Random::new(self.seed, &[4, place]));
                 }
             })?;
             if any_sensor {
                 scan.ignore_alike(&self.classes_m);
             }
-            if let Some(augmentation) = &self.augmentation {
-                augmentation.apply(&mut scan, &mut Random::new(self.seed, &[2, place]));
-            }
+            let random = &mut Random::new(self.seed, &[2, place]);
+            self.augmentation.apply(&mut scan, random);
             crop(&mut scan, &self.manifest.network.grid);
             let targets = self.anchors.assign(&scan.objects);
             frames.push((scan, targets));

@@ -2,19 +2,18 @@
 
 use std::{collections::BTreeMap, fs::File, io::Write, path::PathBuf};
 
-use mluc_evaluate::pipeline::FrameSet;
+use mluc_backbone::Precision;
+use mluc_evaluate::evaluate;
+use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, GatedObjects, detect_frames, paper_rules};
 use mluc_model::{Manifest, Model, ModelError, Provenance, VoxelInput, model_bytes};
 use mluc_refiner::ClusterScorer;
-use serde_json::json;
 
 use crate::cluster_scorer::fit_to_proposals;
 use crate::database::{self, Database, mean_boxes};
 use crate::error::{TrainError, refused};
 use crate::loader::{BatchQueue, DataLoader};
 use crate::log::{Log, TrainEvent};
-use crate::{
-    NetworkKind, check, checkpoint, export, import, run_folder, stream, validate::validate,
-};
+use crate::{NetworkKind, check, checkpoint, export, import, run_folder, stream};
 use crate::{optimizer::Schedule, settings::TrainSettings, source::ScanSource, trainer::Trainer};
 
 /// Frames that the cluster scorer is fitted on.
@@ -186,7 +185,8 @@ impl Run {
         to.flush().map_err(fault)
     }
 
-    /// Validates the model file just written; its figures go into the next one and `validation.json`.
+    /// Validates the model file just written as the paper does (section 4.1: 3-D overlap, moderate, AP at 40 positions), by the inference engine; boxes without
+    /// a class are no known objects. The figures go into the next file.
     fn judge(&mut self, notify: Notify) -> Result<(), TrainError> {
         let folder = self.settings.data.join("val");
         let frames = self.settings.validate_frames;
@@ -195,31 +195,24 @@ impl Run {
         }
         notify(TrainEvent::Note("judging on the validation scans".into()));
         let model = Model::read(&self.model_path())?;
-        let (report, count, boxes) = validate(&model, &folder, frames)?;
-        let mut metrics = BTreeMap::from([("validation_frames".into(), count as f64)]);
-        let (mut sum, mut classes) = (0.0, vec![]);
+        let set = FrameSet::open(&folder, None, frames)?;
+        let mut frames = detect_frames(Precision::default(), &model, &set, || ())?;
+        frames.iter_mut().for_each(DetectedFrame::drop_generic);
+        let (manifest, found) = (&model.manifest, GatedObjects::ungated(&model, &frames));
+        let rules = paper_rules(&manifest.name, &manifest.class_names(), &[])?;
+        let report = evaluate(&found.labelled(&frames, 0), &rules);
+        let mut metrics = BTreeMap::from([("validation_frames".into(), frames.len() as f64)]);
         for class in &report.classes {
             let (name, iou, figures) = (&class.rule.name, class.rule.iou_min, class.main());
             let (ap, labels) = (figures.ap.r40, figures.truth_count);
             let text = format!("{name}: AP R40 {ap:.2} at overlap {iou}, {labels} labels");
             notify(TrainEvent::Note(text));
             metrics.insert(format!("{name}/3d/moderate/ap_r40"), ap);
-            classes.push(json!({
-                "class": name, "iou_min": iou, "ap_r40": ap, "ap_all": figures.ap.all,
-                "recall": figures.recall_percent, "labels": labels,
-            }));
-            sum += ap;
         }
-        let map = sum / report.classes.len().max(1) as f64;
+        let (map, count) = (report.map_known().r40, frames.len());
         let text = format!("mean AP of the known classes {map:.2} on {count} frames");
         notify(TrainEvent::Note(text));
         metrics.insert("map_known".into(), map);
-        let figures = json!({
-            "step": model.manifest.provenance.steps, "frames": count, "map_known": map,
-            "classes": classes, "boxes_per_frame": boxes as f64 / count.max(1) as f64,
-        });
-        let path = self.settings.out.join("validation.json");
-        run_folder::write(&path, figures.to_string().as_bytes())?;
         self.manifest.provenance.metrics = metrics;
         Ok(())
     }

@@ -8,7 +8,7 @@ use mluc_dataset::whole_file::write_whole;
 use crate::error::{TrainError, refused};
 
 /// Makes the folder and takes it for this process, as long as the file is open.
-pub(crate) fn enter(out: &Path) -> Result<File, TrainError> {
+pub fn enter(out: &Path) -> Result<File, TrainError> {
     std::fs::create_dir_all(out).map_err(|cause| TrainError::file(out, cause))?;
     let path = out.join(".lock");
     let mut options = File::options();
@@ -19,7 +19,7 @@ pub(crate) fn enter(out: &Path) -> Result<File, TrainError> {
         Err(TryLockError::WouldBlock) => Err(refused(
             out,
             "a folder of no other run",
-            "another run training into it; wait for it, or name another folder",
+            "another run writing into it; wait for it, or name another folder",
         )),
         Err(TryLockError::Error(cause)) => Err(TrainError::file(&path, cause)),
     }

@@ -56,9 +56,6 @@ pub struct TrainSettings {
     /// Multiply in bf16 but for the heads, with sums in f32: faster where the processor has bf16.
     #[arg(long)]
     pub bf16: bool,
-    /// Do not paste, mirror, turn or scale.
-    #[arg(long = "no-augment", action = clap::ArgAction::SetFalse)]
-    pub augment: bool,
     /// Frames of val/ that judge the model after every epoch and at the end; 0: none.
     #[arg(long, default_value_t = 400)]
     pub validate_frames: usize,
@@ -111,7 +108,7 @@ impl TrainSettings {
 
     /// Frames of the training split that give objects to paste.
     pub fn database_frames(&self) -> usize {
-        let pastes = self.augment && self.setting != Setting::Any;
+        let pastes = self.setting != Setting::Any;
         1500 * usize::from(pastes)
     }
 
@@ -214,14 +211,13 @@ impl TrainSettings {
     /// from the same step, at the rate that the new number gives it.
     pub fn fingerprint(&self) -> String {
         let mut text = format!(
-            "{} {:?} batch {} seed {} rate {} scale {} augment {} database {} bf16 {}",
+            "{} {:?} batch {} seed {} rate {} scale {} database {} bf16 {}",
             self.setting.name(),
             self.architecture,
             self.batch,
             self.seed,
             self.learning_rate,
             self.prototype_scale(),
-            self.augment,
             self.database_frames(),
             self.bf16
         );

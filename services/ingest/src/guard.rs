@@ -287,9 +287,9 @@ impl Expected {
         }
         let beams = &sensor.elevations_deg;
         let [top, bottom] = sensor.vertical_field_deg();
-        // Of merged sensors the profile's elevations are of one of them; one that is too tilted for the model sends levelled points, whose elevations are others.
-        let tilt_deg = sensor.pitch_deg.hypot(sensor.roll_deg);
-        if !sensor.units.is_empty() || tilt_deg > self.takes.tilt_max_deg {
+        // Of merged sensors the profile's elevations are of one of them; points that were levelled have others too.
+        let levelled_deg = sensor.pitch_deg.hypot(sensor.roll_deg) - found.tilt_deg();
+        if !sensor.units.is_empty() || levelled_deg > FIELD_OFF_DEG {
             return;
         }
         if let Some(step_deg) = found.azimuth_step_deg {

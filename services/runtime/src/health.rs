@@ -75,18 +75,24 @@ pub struct HealthWatch {
     inputs: [Input<Health>; 4],
     last: [Option<Health>; 4],
     heard_ns: [u64; 4],
+    begun_ns: u64,
 }
 
 impl HealthWatch {
     pub(crate) fn open(node: &IpcNode) -> Result<HealthWatch> {
         let open = |stage| Input::open(node, &Topic::HEALTH, &topic_name(stage), false);
         let [ingest, backbone, head, refiner] = Stage::ALL.map(open);
-        Ok(HealthWatch {
+        let mut watch = HealthWatch {
             run: RunWatch::open(node)?,
             inputs: [ingest?, backbone?, head?, refiner?],
             last: [None; 4],
             heard_ns: [0; 4],
-        })
+            begun_ns: 0,
+        };
+        // What waits in the queues may be the last word of a stage that is gone.
+        watch.update()?;
+        watch.begun_ns = monotonic_ns();
+        Ok(watch)
     }
 
     /// Takes what arrived. Left out are heartbeats that break the contract, of another stage than their topic's, and of
@@ -119,10 +125,10 @@ impl HealthWatch {
         self.heard_ns[stage as usize]
     }
 
-    /// The last heartbeats, without those of stages that are silent or were not heard after a moment (CLOCK_MONOTONIC).
-    pub fn heard_since(&self, begun_ns: u64) -> [Option<Health>; 4] {
+    /// The last heartbeats, without those of stages that are silent or were not heard since the watch began.
+    pub fn heard(&self) -> [Option<Health>; 4] {
         let silent_ns = monotonic_ns().saturating_sub(Topic::SILENCE_MAX.as_nanos() as u64);
-        let is_heard = |stage: Stage| self.heard_ns(stage) > begun_ns.max(silent_ns);
+        let is_heard = |stage: Stage| self.heard_ns(stage) > self.begun_ns.max(silent_ns);
         Stage::ALL.map(|stage| self.of(stage).filter(|_| is_heard(stage)).copied())
     }
 

@@ -9,7 +9,7 @@ use mluc_gateway::ros2::{
 use mluc_ipc_types::{Object, RunDescription, Stage, Status, Text, Topic, WIRE_VERSION};
 use mluc_runtime::{
     Frames, HealthWatch, Input, Instance, Message, Next, Scans, Shell, Shutdown, StatusWatch,
-    monotonic_ns, wall_clock_ns,
+    wall_clock_ns,
 };
 use serde_json::json;
 
@@ -46,7 +46,6 @@ pub struct Follower {
     /// Counts the frames that it missed.
     pub shell: Shell,
     topics: [RosTopic; TOPICS - 1],
-    begun_ns: u64,
 }
 
 /// This thread, and those that it starts, yield to the stages from now on. A second call changes nothing.
@@ -62,19 +61,17 @@ impl Follower {
         let instance = named.map_or_else(Instance::from_environment, Ok)?;
         yield_to_stages()?;
         let shell = Shell::observer(&instance, None, Shutdown::on_signals()?)?;
-        let (mut health, mut status) = (shell.health_watch()?, shell.status_watch()?);
-        // What waits in the queues may be the last word of a stage that is gone.
-        health.update()?;
+        let mut status = shell.status_watch()?;
+        // What waits in the queue may be the last word of a supervisor that is gone.
         status.update()?;
         Ok(Follower {
             frames: Frames::new(&shell, &Topic::OBJECTS, Some(Scans::open(&shell, true)?))?,
             object_points: shell.side_input(&Topic::OBJECT_POINTS)?,
             indices: None,
-            health,
+            health: shell.health_watch()?,
             status,
             shell,
             topics: topics(),
-            begun_ns: monotonic_ns(),
         })
     }
 
@@ -145,7 +142,7 @@ impl Follower {
         self.health.update()?;
         let none = json!({"state": "stopped", "reason": "no pipeline runs"});
         let mut parts = vec![("pipeline", status.map_or(none, status_words))];
-        let heard = self.health.heard_since(self.begun_ns);
+        let heard = self.health.heard();
         for (stage, health) in Stage::ALL.into_iter().zip(&heard) {
             parts.push((stage.name(), stage_words(stage, health.as_ref())));
         }

@@ -1,6 +1,7 @@
 //! The program `mluc-zenoh`, which `mluc zenoh` starts: objects and states of a running pipeline to other computers. Nothing in the
 //! pipeline waits for it, and it waits for no network: what a link does not take is dropped.
 
+use std::time::{Duration, Instant};
 use std::{path::PathBuf, process::ExitCode};
 
 use anyhow::anyhow;
@@ -20,6 +21,9 @@ const KEYS: [(usize, &str, Encoding); 5] = [
     (4, "tf", Encoding::APPLICATION_CDR),
     (0, "points", Encoding::APPLICATION_CDR),
 ];
+
+/// Whoever is to be reached is there by then.
+const REACHED_WITHIN: Duration = Duration::from_secs(5);
 
 /// Publish objects and states of a running pipeline over zenoh, until Ctrl-C.
 #[derive(Parser)]
@@ -104,7 +108,16 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         publishers.push((*place, told("--prefix", publisher.wait())?));
     }
     tracing::info!("publishing {prefix}/frame, objects, diagnostics, tf; Ctrl-C ends it");
+    let (begun, mut is_alone) = (Instant::now(), true);
     while let Some(mut moment) = follower.next(|| true)? {
+        if is_alone && begun.elapsed() > REACHED_WITHIN {
+            let info = session.info();
+            let mut reached = info.peers_zid().wait().chain(info.routers_zid().wait());
+            if reached.next().is_none() {
+                tracing::warn!("connected to nobody: is somebody there, and the locator right?");
+            }
+            is_alone = false;
+        }
         for (place, publisher) in &publishers {
             if let Some(message) = moment.messages[*place].take() {
                 told("publishing", publisher.put(message).wait())?;

@@ -17,7 +17,7 @@ use mluc_evaluate::pipeline::{
 use mluc_model::{Model, SensorProfile, Takes, model_bytes};
 use mluc_refiner::Settings;
 use mluc_simulate::{Class, Split, rays};
-use mluc_train::check_known;
+use mluc_train::{check_known, enter};
 use plan::{Plan, Request};
 
 use super::quantize::{RANGE_FRAMES, quantized};
@@ -81,17 +81,18 @@ pub(crate) fn run(arguments: AdaptArguments) -> Result<()> {
         init: format!("{:016x}", model.fingerprint),
         known,
         hours: arguments.hours,
+        version: env!("CARGO_PKG_VERSION").into(),
     };
-    let model = out.join("model.safetensors");
-    ensure!(
-        out.join("plan.json").exists() || !model.exists(),
-        "{}: expected no model of another run, found one; name another folder",
-        model.display()
-    );
-    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    let first = out.join("init.safetensors");
-    write_whole(&first, &init).with_context(|| first.display().to_string())?;
-    let plan = Plan::of(request, out)?;
+    let [model, first] = ["model.safetensors", "init.safetensors"].map(|name| out.join(name));
+    for left in [&model, &out.join("scans"), &out.join("run")] {
+        ensure!(
+            out.join("plan.json").exists() || !left.exists(),
+            "{}: expected nothing of another run (plan.json is missing), found it; name another folder",
+            left.display()
+        );
+    }
+    let _alone = enter(out)?;
+    let plan = Plan::of(request, &init, out)?;
     let place = Adaptation { out, plan };
     if !place.is_done() {
         place.simulate()?;
@@ -102,7 +103,13 @@ pub(crate) fn run(arguments: AdaptArguments) -> Result<()> {
     }
     let before = place.judged("before", &first)?;
     let after = place.judged("after", &model)?;
-    let text = report::markdown(&place.plan, &Model::read(&model)?, &before, &after);
+    let command = format!("--model {} --sensor {}", model.display(), arguments.sensor);
+    let text = report::markdown(
+        &place.plan,
+        &Model::read(&model)?,
+        [&before, &after],
+        &command,
+    );
     let path = out.join("report.md");
     write_whole(&path, text.as_bytes()).with_context(|| path.display().to_string())?;
     print_out(text)?;

@@ -41,7 +41,10 @@ fn a_model_is_adapted_once_and_goes_on_where_it_was() {
     folder.run(&adapt(few));
     assert!(!folder.path("a/scans").exists());
     folder.write("m/model.safetensors", "mine");
-    let other = ["m/model.safetensors: expected no model of another run"];
+    let other = ["expected nothing of another run (plan.json is missing)"];
+    folder.refuses("adapt --sensor mine.toml --out m", &other);
+    std::fs::remove_file(folder.path("m/model.safetensors")).expect("removed");
+    folder.write("m/scans/train/velodyne/000000.bin", "");
     folder.refuses("adapt --sensor mine.toml --out m", &other);
     let init = "adapt --sensor mine.toml --init mine.toml --out n";
     folder.refuses(init, &["mine.toml: model file"]);

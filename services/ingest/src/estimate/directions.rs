@@ -15,8 +15,13 @@ pub(super) const NEAR_M: f32 = 2.5;
 const NEAR_MIN: u16 = 2;
 /// Steps in which the own body's highest elevation is told, degrees.
 const TOP_STEP_DEG: f32 = 5.0;
+/// Such steps from straight below to straight above.
+const TOPS: usize = 36;
 /// The farthest return counts as the end of the range in a direction from this share of the usual end on.
 const END_SHARE: f32 = 0.85;
+
+/// A sector before its first return.
+const NOTHING: (u16, u16, f32) = (0, 0, -90.0);
 
 /// Sums over scans, by sector.
 #[derive(Clone, Copy, Debug, SmartDefault)]
@@ -25,16 +30,15 @@ pub(super) struct Directions {
     counts: [u32; SECTORS],
     #[default([0.0; SECTORS])]
     farthest_m: [f32; SECTORS],
-    /// Near returns of the scan at hand.
+    /// Returns, near returns and the highest elevation of those, of the scan at hand.
+    #[default([NOTHING; SECTORS])]
+    scan: [(u16, u16, f32); SECTORS],
+    /// Scans with returns: the first turn of a capture is a part.
     #[default([0; SECTORS])]
-    near: [u16; SECTORS],
-    /// Scans with something near.
-    #[default([0; SECTORS])]
-    near_scans: [u16; SECTORS],
-    /// Highest elevation of the near returns, degrees.
-    #[default([-90.0; SECTORS])]
-    near_top_deg: [f32; SECTORS],
-    scans: u16,
+    scans: [u16; SECTORS],
+    /// Scans with something near, by the step of its top.
+    #[default([[0; TOPS]; SECTORS])]
+    near_scans: [[u16; TOPS]; SECTORS],
 }
 
 /// Azimuth of the middle of a sector, rad.
@@ -49,20 +53,22 @@ impl Directions {
         let sector = (sector as usize).min(SECTORS - 1);
         self.counts[sector] += 1;
         self.farthest_m[sector] = self.farthest_m[sector].max(range_m);
+        let (returns, near, top_deg) = &mut self.scan[sector];
+        *returns = returns.saturating_add(1);
         if range_m < NEAR_M && !is_ground {
-            self.near[sector] = self.near[sector].saturating_add(1);
-            let elevation_deg = (z_m / range_m).asin().to_degrees();
-            self.near_top_deg[sector] = self.near_top_deg[sector].max(elevation_deg);
+            *near = near.saturating_add(1);
+            *top_deg = top_deg.max((z_m / range_m).asin().to_degrees());
         }
     }
 
     /// The scan is complete.
     pub(super) fn end_scan(&mut self) {
-        for (near, scans) in self.near.iter_mut().zip(&mut self.near_scans) {
-            *scans += u16::from(*near >= NEAR_MIN);
-            *near = 0;
+        for (sector, found) in self.scan.iter_mut().enumerate() {
+            let (returns, near, top_deg) = std::mem::replace(found, NOTHING);
+            self.scans[sector] += u16::from(returns > 0);
+            let top = ((top_deg + 90.0) / TOP_STEP_DEG).ceil() as usize;
+            self.near_scans[sector][top.clamp(1, TOPS) - 1] += u16::from(near >= NEAR_MIN);
         }
-        self.scans += 1;
     }
 
     /// A sector with fewer returns than a tenth of the median sector is empty.
@@ -109,25 +115,36 @@ impl Directions {
 
     /// Degrees of the directions in which every scan has something near; 0 of fewer than three scans.
     pub(super) fn own_body_deg(&self) -> f32 {
-        let stays = (0..SECTORS).filter(|sector| self.is_own_body(*sector));
+        let stays = (0..SECTORS).filter(|sector| self.own_body_top_deg(*sector).is_some());
         stays.count() as f32 * SECTOR_DEG
     }
 
-    fn is_own_body(&self, sector: usize) -> bool {
-        self.scans >= 3 && self.near_scans[sector] == self.scans
+    /// Where every scan has something near, three at least, its top: the median of the scans, since others pass by.
+    fn own_body_top_deg(&self, sector: usize) -> Option<f32> {
+        let (near, scans) = (&self.near_scans[sector], self.scans[sector]);
+        let most = self.scans.iter().max().copied().unwrap_or(0);
+        if scans < 3 || 2 * scans < most || near.iter().sum::<u16>() < scans {
+            return None;
+        }
+        let mut sum = 0;
+        let median = near.iter().position(|count| {
+            sum += count;
+            2 * sum >= scans
+        });
+        Some((median? + 1) as f32 * TOP_STEP_DEG - 90.0)
     }
 
-    /// What the own body hides inside of the field: directions with something near in every scan, up to its highest return, and
+    /// What the own body hides inside of the field: directions with something near in every scan, up to its top, and
     /// directions without returns. Neighbours that are hidden alike are one sector.
     pub(super) fn blind(&self) -> Vec<BlindSector> {
         let [middle_deg, width_deg] = self.field_deg();
         let below_deg: [_; SECTORS] = std::array::from_fn(|sector| {
             let azimuth_deg = direction_rad(sector).to_degrees();
-            let top_deg = (self.near_top_deg[sector] / TOP_STEP_DEG).ceil() * TOP_STEP_DEG;
             let is_inside = degrees_off(azimuth_deg, middle_deg) < width_deg / 2.0;
             let is_empty = is_inside && self.is_empty(sector);
-            let is_near = self.is_own_body(sector).then_some(top_deg);
-            is_empty.then_some(90.0).or(is_near)
+            is_empty
+                .then_some(90.0)
+                .or_else(|| self.own_body_top_deg(sector))
         });
         let mut from_deg = -180.0;
         let alike = below_deg.chunk_by(|a, b| a == b).filter_map(|alike| {

@@ -4,7 +4,7 @@ use anyhow::ensure;
 pub(super) use mluc_gateway::lines::{counted, health_state as state};
 use mluc_gateway::lines::{stage_words, status_words};
 use mluc_ipc_types::{Health, Stage, Status, StatusState};
-use mluc_runtime::{HealthWatch, Instance, Shell, Shutdown, StatusWatch, monotonic_ns};
+use mluc_runtime::{HealthWatch, Instance, Shell, Shutdown, StatusWatch};
 use serde_json::{Value, json};
 
 use crate::UsageError;
@@ -17,7 +17,6 @@ pub(super) struct Observer {
     status: StatusWatch,
     control: ControlWatch,
     pub(super) shell: Shell,
-    begun_ns: u64,
 }
 
 /// What was seen at one moment.
@@ -48,16 +47,14 @@ pub(super) fn running(name: Option<&str>) -> anyhow::Result<Instance> {
 impl Observer {
     pub(super) fn open(instance: &Instance) -> anyhow::Result<Observer> {
         let shell = Shell::observer(instance, None, Shutdown::on_signals()?)?;
-        let (mut health, mut status) = (shell.health_watch()?, shell.status_watch()?);
-        // What waits in the queues may be the last word of a stage that is gone.
-        health.update()?;
+        let mut status = shell.status_watch()?;
+        // What waits in the queue may be the last word of a supervisor that is gone.
         status.update()?;
         Ok(Observer {
-            health,
+            health: shell.health_watch()?,
             status,
             control: ControlWatch::new(instance),
             shell,
-            begun_ns: monotonic_ns(),
         })
     }
 
@@ -65,7 +62,7 @@ impl Observer {
         self.health.update()?;
         Ok(Snapshot {
             instance: self.shell.instance().name().to_string(),
-            stages: self.health.heard_since(self.begun_ns),
+            stages: self.health.heard(),
             status: self.status.update()?,
             control: self.control.look().clone(),
         })

@@ -86,10 +86,11 @@ impl PointCloud2<'_> {
             let fault = |what, expected: &str, found| {
                 SourceError::field(format!("{what} of field {name}"), expected, found)
             };
-            // INT8, UINT8, INT16, UINT16, INT32, UINT32, FLOAT32, FLOAT64 are 1 to 8.
-            let bytes = [0, 1, 1, 2, 2, 4, 4, 4, 8].get(datatype).unwrap_or(&0);
-            let kind = Kind::new(datatype > 6, datatype % 2 == 1, *bytes);
-            let kind = kind.ok_or_else(|| fault("datatype", "1 to 8", datatype))?;
+            // INT8, UINT8, INT16, UINT16, INT32, UINT32, FLOAT32, FLOAT64, INT64, UINT64, BOOLEAN are 1 to 11.
+            let bytes = [0, 1, 1, 2, 2, 4, 4, 4, 8, 8, 8, 1];
+            let bytes = bytes.get(datatype).unwrap_or(&0);
+            let kind = Kind::new([7, 8].contains(&datatype), datatype % 2 == 1, *bytes);
+            let kind = kind.ok_or_else(|| fault("datatype", "1 to 11", datatype))?;
             if start.saturating_add(*bytes) > stride {
                 let expected = format!("{bytes} bytes within {stride}");
                 return Err(fault("offset", &expected, start));

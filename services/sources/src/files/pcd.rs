@@ -65,10 +65,10 @@ impl Header {
             let [letter, size, count] = [&self.kinds, &self.sizes, &self.counts]
                 .map(|words| words.get(i).map_or("", String::as_str));
             let kind = Kind::new(letter == "F", letter == "I", size.parse().unwrap_or(0));
-            let kind = kind.filter(|_| ["F", "I", "U"].contains(&letter));
+            let kind = kind.filter(|_| ["F", "I", "U", "B"].contains(&letter));
             let kind = kind.ok_or_else(|| {
                 let place = format!("TYPE and SIZE of {name}");
-                let expected = "F 4, F 8, or I or U 1, 2, 4 or 8";
+                let expected = "F 4, F 8, B 1, or I or U 1, 2, 4 or 8";
                 SourceError::field(place, expected, format!("`{letter} {size}`"))
             })?;
             let count = count.parse::<usize>().unwrap_or(1).clamp(1, 4096);

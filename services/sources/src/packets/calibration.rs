@@ -120,9 +120,12 @@ impl VelodyneTable {
 
 fn channels(text: &str) -> Result<Vec<[f32; 2]>, SourceError> {
     let mut channels = Vec::new();
-    for (index, line) in text.lines().enumerate().skip(1) {
+    // A first line that names the format has the header behind it.
+    let headers = if text.starts_with("EEFF") { 2 } else { 1 };
+    for (index, line) in text.lines().enumerate().skip(headers) {
         let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-        if fields.iter().all(|field| field.is_empty()) {
+        // Empty, or a checksum.
+        if fields.len() < 3 || fields.iter().all(|field| field.is_empty()) {
             continue;
         }
         let numbers = fields.iter().filter_map(|field| field.parse().ok());

@@ -167,9 +167,14 @@ fn returns(mode: u8) -> Option<usize> {
     }
 }
 
-/// Since 1970, of year (since 1900, or since 2000 below 100), month, day, hour, minute, second. Without GPS or PTP a sensor counts from where it likes: what
-/// no calendar has is cut to the calendar's range.
+/// Since 1970, of year (since 1900, or since 2000 below 100), month, day, hour, minute, second; or, behind two zeros, which no date has, as they are
+/// (`GetMicroLidarTimeU64` of Hesai's SDK 2.0). Without GPS or PTP a sensor counts from where it likes: what no calendar has is cut to the calendar's range.
 fn seconds(date: &[u8]) -> u64 {
+    if let [0, 0, seconds @ ..] = date
+        && seconds[0] > 31
+    {
+        return u64::from(u32_at(seconds, 0).swap_bytes());
+    }
     let part = |at: usize, low: u8, high: u8| u64::from(date[at].clamp(low, high));
     let year = match u64::from(date[0]) {
         year @ 0..70 => 2000 + year,
@@ -197,6 +202,8 @@ mod tests {
             ([120, 6, 25, 12, 2, 9], 1_593_086_529),
             ([24, 2, 29, 23, 59, 59], 1_709_251_199),
             ([0, 3, 1, 0, 0, 0], 951_868_800),
+            ([0, 0, 0x5E, 0xF4, 0x91, 0x81], 1_593_086_337),
+            ([0, 0, 0, 0, 0, 9], 946_684_809),
         ];
         for (date, expected) in cases {
             assert_eq!(seconds(&date), expected, "{date:?}");

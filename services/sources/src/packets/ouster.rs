@@ -96,6 +96,14 @@ impl Fields {
         serde_json::from_value(Value::Object(all))
     }
 
+    /// How far out beams begin where the firmware (to 1.13) does not say it: as Ouster's SDK has it (`default_lidar_origin_to_beam_origin`).
+    fn out_mm(&self) -> f32 {
+        let line = self.prod_line.as_deref().unwrap_or_default();
+        let known = [("OS-0", 27.67), ("OS-1", 15.806), ("OS-2", 13.762)];
+        let found = known.iter().find(|(name, _)| line.starts_with(name));
+        found.map_or(12.163, |(_, out_mm)| *out_mm)
+    }
+
     /// Rows, columns, columns of a packet.
     fn shape(&self) -> Result<[usize; 3], SourceError> {
         let columns_of = |mode: &str| mode.split('x').next()?.parse().ok();
@@ -134,9 +142,7 @@ impl Metadata {
         ) {
             (Some(matrix), _) => ("beam_to_lidar_transform", [matrix[3], matrix[11]]),
             (None, Some(out_mm)) => ("lidar_origin_to_beam_origin_mm", [out_mm, 0.0]),
-            (None, None) => {
-                return refused("calibration: lidar_origin_to_beam_origin_mm", "mm", "none");
-            }
+            (None, None) => ("lidar_origin_to_beam_origin_mm", [fields.out_mm(), 0.0]),
         };
         let angles = fields.beam_altitude_angles.iter();
         let angles = angles.zip(&fields.beam_azimuth_angles);

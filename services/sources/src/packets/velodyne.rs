@@ -1,8 +1,8 @@
 //! Velodyne's 1206-byte packets: 12 blocks of 32 shots, the time, the return mode, the product (manual 63-9243, section 9.3).
 //!
-//! The azimuth of a shot is its block's, turned on by the time since the block began (section 9.5). Where the manuals leave a choice it is that of the ROS driver
-//! and of Nebula, so that clouds are the same: the last block of a packet is not turned on, nor is any of an HDL-64E. The HDL-64E does not say its return mode:
-//! two returns of a shot are two points.
+//! The azimuth of a shot is its firing's, turned on by the time since the firing began (section 9.5). Where the manuals leave a choice it is Nebula's, so that
+//! clouds are the same: the last block of a packet is not turned on (0.4 degrees at most), nor is any of an HDL-64E. A VLS-128 fires two or three times a packet
+//! or once: its last firing turns on as far as the one before. The HDL-64E does not say its return mode: two returns of a shot are two points.
 
 use std::sync::LazyLock;
 
@@ -108,6 +108,8 @@ pub(super) struct Velodyne {
     unit_m: f32,
     beams: Vec<Beam>,
     last_stamp_ns: Option<u64>,
+    /// Azimuth of the last packet, 0.01 degrees.
+    last_cdeg: Option<u16>,
 }
 
 impl Velodyne {
@@ -134,6 +136,7 @@ impl Velodyne {
             product,
             unit_m: unit_m.unwrap_or(f32::from(product.unit_mm) * 0.001),
             last_stamp_ns: None,
+            last_cdeg: None,
         })
     }
 
@@ -161,13 +164,20 @@ impl Velodyne {
         let azimuth_of = |block: usize| u16_at(payload, block * BLOCK_BYTES + 2);
         let interval_ns = firings.max(1) as u64 * u64::from(self.product.cycle_ns);
         sweep.packet(stamp_ns, interval_ns, azimuth_of(0));
+        // The four blocks of a VLS-128's firing have one azimuth.
+        let ahead = returns * (lasers / BLOCK_SHOTS).max(1);
+        let first_cdeg = azimuth_of(0);
+        let before_cdeg = match self.last_cdeg.replace(first_cdeg) {
+            _ if ahead < blocks => gap_cdeg(first_cdeg, azimuth_of(ahead)),
+            last_cdeg => last_cdeg.map_or(0, |last_cdeg| gap_cdeg(last_cdeg, first_cdeg)),
+        };
         for block in (0..blocks).step_by(returns) {
-            // The next block of the last one comes with the next packet.
-            let after = block + returns;
-            let next = if after < blocks { after } else { block };
-            let [from, to] = [block, next].map(|block| u32::from(azimuth_of(block)));
-            let gap_cdeg = (to + 36_000 - from) % 36_000;
-            let gap_cdeg = if gap_cdeg > GAP_MAX_CDEG { 0 } else { gap_cdeg };
+            // What follows the last firing comes with the next packet.
+            let gap_cdeg = match block + ahead {
+                after if after < blocks => gap_cdeg(azimuth_of(block), azimuth_of(after)),
+                _ if lasers == 128 => before_cdeg,
+                _ => 0,
+            };
             self.block(payload, block, returns, gap_cdeg, stamp_ns, sweep, on);
         }
         Ok(())
@@ -262,6 +272,12 @@ impl Velodyne {
         self.last_stamp_ns = Some(stamp_ns);
         stamp_ns
     }
+}
+
+/// From one azimuth on to the next; 0 over a sector that was left out.
+fn gap_cdeg(from: u16, to: u16) -> u32 {
+    let gap_cdeg = (u32::from(to) + 36_000 - u32::from(from)) % 36_000;
+    if gap_cdeg > GAP_MAX_CDEG { 0 } else { gap_cdeg }
 }
 
 fn bank_of(flag: u16) -> Option<usize> {

@@ -40,6 +40,8 @@ pub(super) struct Request {
     pub(super) hours: f64,
     /// Fingerprint of the first weights.
     pub(super) init: String,
+    /// Of the program: another one simulates other scans.
+    pub(super) version: String,
 }
 
 /// What the probe measured, and what follows.
@@ -96,19 +98,23 @@ impl Request {
 }
 
 impl Plan {
-    /// The plan of the folder, or a new one; one of another request is refused. Says what it costs.
-    pub(super) fn of(request: Request, out: &Path) -> anyhow::Result<Plan> {
+    /// The plan of the folder, or a new one; one of another request is refused. Says what it costs in all.
+    pub(super) fn of(request: Request, init: &[u8], out: &Path) -> anyhow::Result<Plan> {
         let path = out.join("plan.json");
+        let first = out.join("init.safetensors");
         let plan = if path.exists() {
             let text = std::fs::read_to_string(&path).context("plan.json")?;
             let plan: Plan = serde_json::from_str(&text).context("plan.json")?;
             ensure!(
                 plan.request == request,
-                "{}: expected the same --sensor, --known, --hours and --init, found others; name another folder",
-                path.display()
+                "{}: expected the same --sensor, --known, --hours and --init, and mluc-lab {}, found others; name another folder",
+                path.display(),
+                request.version
             );
+            print_err("begun before: goes on behind the last step that is done");
             plan
         } else {
+            write_whole(&first, init).with_context(|| first.display().to_string())?;
             let plan = Plan::probed(request, out)?;
             let text = serde_json::to_string_pretty(&plan)?;
             write_whole(&path, text.as_bytes()).context("plan.json")?;
@@ -137,9 +143,12 @@ impl Plan {
         let scan_bytes = bytes / u64::from(scans) * 9 / 8;
         let mut settings = request.settings(&folder.join("scans"), &folder.join("run"), out);
         (settings.steps, settings.bf16) = (steps, TrainSettings::bf16_is_faster());
-        let begun = Instant::now();
         train(&settings)?;
-        let train_s = begun.elapsed().as_secs_f64() / (steps as f64 * BATCH as f64);
+        // Of the steps alone: what a run does once is a part of the other work.
+        let log = std::fs::read_to_string(settings.out.join("train.jsonl"))?;
+        let line: serde_json::Value = serde_json::from_str(log.trim()).context("train.jsonl")?;
+        let frames_per_s = line["frames_per_s"].as_f64().context("frames_per_s")?;
+        let train_s = frames_per_s.recip();
         std::fs::remove_dir_all(&folder).context("the probe's folder")?;
         let times_s = [simulate_s, train_s, start.elapsed().as_secs_f64()];
         Ok(Plan::fitted(request, times_s, scan_bytes))
@@ -214,6 +223,7 @@ mod tests {
                 known: vec!["car".into()],
                 hours,
                 init: String::new(),
+                version: String::new(),
             };
             let mut plan = Plan::fitted(request, [simulate_s, train_s, 30.0], 1_000_000);
             let all: f64 = plan.minutes().iter().sum();

@@ -41,10 +41,15 @@ impl Figures {
 }
 
 /// The report: what was made of what, and the figures before and after.
-pub(super) fn markdown(plan: &Plan, model: &Model, before: &Figures, after: &Figures) -> String {
+pub(super) fn markdown(
+    plan: &Plan,
+    model: &Model,
+    [before, after]: [&Figures; 2],
+    command: &str,
+) -> String {
     let sensor = &plan.request.sensor;
     let values = json!({
-        "plan": plan, "from": model.manifest.provenance, "before": before, "after": after,
+        "plan": plan, "command": command, "from": model.manifest.provenance, "thresholds": model.manifest.thresholds, "before": before, "after": after,
         "beams": sensor.elevations_deg.len() * sensor.units.len().max(1),
         "step_deg": sensor.azimuth_step_deg.to_string(),
     });

@@ -4,7 +4,7 @@ use super::unknown_labelled;
 use crate::commands::terminal::print_err;
 use clap::Args;
 use mluc_evaluate::input::{Input, Source, read, sources};
-use mluc_evaluate::{ClassRule, RuleRequest, UnknownProtocol, rules};
+use mluc_evaluate::{ClassRule, RuleRequest, UNKNOWN, UnknownProtocol, rules};
 use std::path::PathBuf;
 
 #[derive(Args)]
@@ -18,6 +18,12 @@ pub(super) struct Compared {
     /// Folder of calibration files; JSON lines need it.
     #[arg(long, value_name = "DIR")]
     calib: Vec<PathBuf>,
+    /// Known objects below this score are left out, as `mluc up` leaves them out.
+    #[arg(long, default_value_t = 0.0, value_name = "SCORE")]
+    min_score: f64,
+    /// Unknown objects below this score are left out.
+    #[arg(long, default_value_t = 0.0, value_name = "SCORE")]
+    min_unknown_score: f64,
     #[command(flatten)]
     pub(super) request: RuleRequest,
 }
@@ -30,7 +36,14 @@ impl Compared {
         scans: &[PathBuf],
     ) -> anyhow::Result<(Vec<Source>, Input)> {
         let sources = sources(&self.labels, detections, &self.calib, scans)?;
-        let input = read(&sources)?;
+        let mut input = read(&sources)?;
+        for frame in &mut input.frames {
+            frame.detections.retain(|object| {
+                let is_unknown = object.class == UNKNOWN;
+                let least = [self.min_score, self.min_unknown_score][usize::from(is_unknown)];
+                object.score.unwrap_or_default() >= least
+            });
+        }
         for warning in &input.warnings {
             print_err(format_args!("warning: {warning}"));
         }

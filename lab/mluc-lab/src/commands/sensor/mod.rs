@@ -16,7 +16,7 @@ use mluc_model::SensorProfile;
 use mluc_sources::{LayoutArgs, Next, Scan, Source};
 use serde_json::json;
 
-use super::terminal::{print_out, write_out};
+use super::terminal::{print_err, print_out, write_out};
 
 /// Estimate a sensor's profile from its scans: beams, columns, field, range, noise, height, tilt, own body, beside the nearest product.
 ///
@@ -27,7 +27,7 @@ pub(crate) struct SensorArguments {
     /// Scans, as `mluc up` takes them: files, a capture, a recording, a live sensor's packets.
     #[arg(long, required_unless_present = "sensor")]
     input: Option<PathBuf>,
-    /// Scans to look at, spread over the input.
+    /// Scans to look at: spread over files and recordings, the first of a capture or a live sensor.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=64))]
     scans: u32,
     /// Compare with this product or profile, or show it [default: the nearest product].
@@ -83,7 +83,7 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
     for number in 0..wanted {
         let heard = Instant::now();
         let mut next = Next::NotYet;
-        while next == Next::NotYet && heard.elapsed() < PATIENCE {
+        while next == Next::NotYet && !(source.is_live() && heard.elapsed() > PATIENCE) {
             next = source.load(number * all / wanted, &mut scan)?;
         }
         if next != Next::Scan {
@@ -101,7 +101,16 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
     }
     let found = estimator.estimate().clone();
     let (path, seen) = (input.display(), found.scans);
-    ensure!(found.beams > 0, "{path}: no beams found in {seen} scans");
+    let silence = source.silence().unwrap_or_default();
+    ensure!(
+        found.beams > 0,
+        "{path}: no beams found in {seen} scans {silence}"
+    );
+    if u64::from(seen) < wanted {
+        print_err(format_args!(
+            "warning: {path}: {seen} scans of {wanted}; blind sectors are found in three or more {silence}"
+        ));
+    }
     let noise_m = noise::range_noise_m(&scans, &found);
     let (name, other) = other_sensor(arguments.sensor.as_deref(), &found)?;
     print(&found, noise_m, &name, &other)?;
@@ -165,13 +174,15 @@ mod tests {
     #[test]
     fn a_made_up_sensor_comes_back_as_a_profile_and_a_picture() {
         let folder = tempfile::tempdir().expect("a folder");
-        // 16 beams 2 degrees apart over flat ground 1 m below, a wall 20 m around, a part of the robot to the left.
-        let ray = |n: usize| {
+        // 16 beams 2 degrees apart over flat ground 1 m below, a wall 20 m around, a part of the robot to the left. The first scan is
+        // a part of a turn, and somebody passes by in the second one.
+        let ray = |n: usize, scan: usize| {
             let deg = 15.0 - 2.0 * (n % 16) as f32;
             let azimuth_deg = (n / 16) as f32 * 0.4;
             let (sin, cos) = azimuth_deg.to_radians().sin_cos();
             let tan = deg.to_radians().tan();
-            let is_robot = (80.0..100.0).contains(&azimuth_deg) && (0.0..4.0).contains(&deg);
+            let top_deg = if scan == 1 { 20.0 } else { 4.0 };
+            let is_robot = (80.0..100.0).contains(&azimuth_deg) && (0.0..top_deg).contains(&deg);
             let distance = match tan {
                 _ if is_robot => 1.0,
                 // The lowest beams end nearer than where a robot's own body is looked for.
@@ -184,11 +195,11 @@ mod tests {
             let distance = distance + stray_m / tan.hypot(1.0);
             [distance * cos, distance * sin, distance * tan, 0.5]
         };
-        let points: Vec<[f32; 4]> = (0..16 * 900).map(ray).collect();
-        let bytes = mluc_dataset::scan_bytes(&points);
-        for scan in 0..3 {
+        for scan in 0..4 {
+            let first = if scan == 0 { 16 * 450 } else { 0 };
+            let points: Vec<[f32; 4]> = (first..16 * 900).map(|n| ray(n, scan)).collect();
             let path = folder.path().join(format!("{scan}.bin"));
-            std::fs::write(path, &bytes).expect("written");
+            std::fs::write(path, mluc_dataset::scan_bytes(&points)).expect("written");
         }
         let [out, picture] = ["mine.toml", "mine.png"].map(|name| folder.path().join(name));
         let arguments = SensorArguments {
