@@ -76,7 +76,7 @@ TOPICS.update({"health/" + stage: TOPICS["health/refiner"] for stage in ("ingest
 
 
 def is_probability(values):
-    """0 to 1; -1: the model does not tell it."""
+    """Whether values are 0 to 1, or -1: the model does not give a probability."""
     return (values == -1) | (values >= 0) & (values <= 1)
 
 
@@ -121,7 +121,7 @@ def open_topic(node, name):
 
 
 def newest_sample(port):
-    """The newest message that waits, to be deleted after use; older ones are let go. None: none."""
+    """The newest waiting message, to be deleted after use; older ones are discarded. None: no message waits."""
     newest = port.receive()
     while newest is not None and port.has_samples():
         newest.delete()  # before the next is taken: a topic may lend no more than one
@@ -130,7 +130,7 @@ def newest_sample(port):
 
 
 def newest(port, kind):
-    """A copy of the newest message's first element; None: none."""
+    """A copy of the newest message's first element; None: no message waits."""
     sample = newest_sample(port)
     if sample is None:
         return None
@@ -140,7 +140,7 @@ def newest(port, kind):
 
 
 class Member:
-    """This process in the instance that `MLUC_INSTANCE` names, in one run after the other."""
+    """Membership of this process in the instance that `MLUC_INSTANCE` names, in one run after the other."""
 
     def __init__(self):
         self.root = "/dev/shm/" + stem()
@@ -150,7 +150,7 @@ class Member:
         self.last, self.sent, self.scans, self.is_stopping = None, 0, [], False
 
     def join(self):
-        """Lives in the instance until it ends; refuses another version by name, and a folder that another user made."""
+        """Joins the instance until this process ends; refuses another wire version, which it names, and a folder that another user made."""
         try:
             about = os.lstat(self.root)
             if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.geteuid() or about.st_mode & 0o077:
@@ -181,8 +181,8 @@ class Member:
         self.is_stopping = True
 
     def follow(self):
-        """The topic `run` describes the run; a description with another id begins a new one, with the same id it has other thresholds, or
-        another model with the same classes."""
+        """Takes the descriptions of the topic `run`. A description with another id begins a new run; one with the same id has other
+        thresholds, or another model with the same classes."""
         while (run := newest(self.descriptions, RunDescription)) is not None:
             if run.wire_version != WIRE_VERSION or run.run_id == 0:
                 continue
@@ -194,10 +194,10 @@ class Member:
                 self.begin()
 
     def begin(self):
-        """A new run begins."""
+        """Called when a new run begins."""
 
     def take_scans(self):
-        """Holds the two newest scans of when the last frame came, and the newest two: results come later than points."""
+        """Takes the scans that arrived. Keeps two from the time of the last frame and the newest two: results come later than points."""
         while (scan := self.points.receive()) is not None:
             header = header_of(scan)
             if (header.wire_version, header.run_id) != (WIRE_VERSION, self.run.run_id):
@@ -221,7 +221,7 @@ class Member:
             self.scans.pop(0).delete()
 
     def leave(self):
-        """Closes all ports; then removes the instance's files where nobody else is left in it."""
+        """Closes all ports; then removes the instance's files if no other process is left in it."""
         # What closed later would remove files of the next pipeline of this name.
         for name in ("scans", "indices", "points", "detections", "objects", "object_points", "statuses", "healths", "outputs", "listener",
                      "descriptions", "node"):
@@ -239,7 +239,7 @@ class Member:
 
 
 class Watch(Member):
-    """For consumers: what the pipeline is worth, so that "nothing there" can be told from "blind", "late" and "stopped"."""
+    """For consumers: the pipeline's status, which distinguishes "nothing there" from "blind", "late" and "stopped"."""
 
     def __init__(self):
         super().__init__()
@@ -259,7 +259,7 @@ class Watch(Member):
 
 
 class Consumer(Watch):
-    """The results, frame after frame: for programs that only look on."""
+    """The results, frame after frame: for programs that only read them."""
 
     def __init__(self):
         super().__init__()
@@ -268,9 +268,9 @@ class Consumer(Watch):
         self.end_on_signals()
 
     def frames(self, silence_s=float("inf")):
-        """The newest frame of the run, again and again, until this process is asked to end; None after `silence_s` without one: `status()` says why.
+        """Yields the newest frame of the run until this process is asked to end; None after `silence_s` without one: `status()` says why.
         Each has `header`, `objects` (an array of dtype Object), `points`, and `points_of(object)`: indices into the points, which are there until
-        the next frame (copy what you keep). `dropped` counts the frames that newer ones overtook."""
+        the next frame (copy what you keep). `dropped` counts the frames that newer ones replaced."""
         heard_s = time.monotonic()
         while not self.is_stopping:
             try:
@@ -295,7 +295,7 @@ class Consumer(Watch):
         return bytes(self.run.class_names)[32 * class_id : 32 * class_id + 32].rstrip(b"\0").decode(errors="replace")
 
     def frame(self, sample):
-        """None: of another run, model or version, already seen, or against the contract."""
+        """The frame of a sample. None: it is of another run, model or version, was already seen, or breaks the contract."""
         header, count = header_of(sample), sample.header.number_of_elements
         models = (self.run.model_fingerprint, self.run.other_model_fingerprint or self.run.model_fingerprint)
         is_ours = (header.wire_version, header.run_id) == (WIRE_VERSION, self.run.run_id) and header.model_fingerprint in models
@@ -320,7 +320,7 @@ class Consumer(Watch):
         return SimpleNamespace(header=header, points=points, objects=objects, points_of=points_of)
 
     def check(self, objects):
-        """The objects; None, said on stderr: their numbers make no sense."""
+        """The objects. None, with a message on stderr: their numbers make no sense."""
         sound = all(np.isfinite(objects[name]).all() for name in FINITE)
         sound &= (objects["kind"] < 2).all() and (objects["disposition"] <= LOW_SCORE).all()
         sound &= (objects["size_m"][objects["disposition"] == PUBLISHED] > 0).all()
@@ -333,7 +333,7 @@ class Consumer(Watch):
         return objects if sound else None
 
     def indices_of(self, header):
-        """Which points the objects of a frame have; none where a newer frame's came already."""
+        """The indices of the points of a frame's objects; empty if those of a newer frame came already."""
         sample = newest_sample(self.object_points)
         if sample is not None:
             self.indices, _ = sample, self.indices and self.indices.delete()
@@ -357,7 +357,7 @@ class Stage(Member):
         self.say(STARTING)  # until the program waits: it may load something first
 
     def join(self):
-        """As the only one in its place."""
+        """Joins as the only process of its stage."""
         super().join()
         path = f"{self.root}/{self.name}.pid"
         self.claim = open(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600), "r+b", 0)
@@ -368,7 +368,7 @@ class Stage(Member):
         self.note()
 
     def note(self, sequence="-"):
-        """Which frame is being worked on, for the supervisor: a scan of which stages die twice is set aside."""
+        """Notes for the supervisor which frame is being worked on: a scan that kills stages twice is set aside."""
         os.pwrite(self.claim.fileno(), f"{os.getpid():10} {sequence:>20}\n".encode(), 0)
 
     def output(self, name):
@@ -388,7 +388,7 @@ class Stage(Member):
         notifier.notify()
 
     def say(self, state, reason=""):
-        """A heartbeat: every 0.1 s, and at once when the state changes."""
+        """Sends a heartbeat: every 0.1 s, and at once when the state changes."""
         self.health.run_id = self.run.run_id
         self.health.state, self.health.reason[:] = state, text(reason, 192)
         self.health.run_p50_us, self.health.run_p99_us = (int(run) for run in np.percentile(self.times, (50, 99)))
@@ -424,8 +424,8 @@ class Source(Stage):
         self.begun_ns, self.sequence = time.monotonic_ns(), None
 
     def missing(self):
-        """What still keeps the first scan of a run from being taken. A source that is started again goes on behind the scans that the
-        supervisor has counted: it looks twice a second."""
+        """What the first scan of a run still waits for. A source that is started again goes on after the scans that the supervisor has
+        counted; the supervisor publishes its count twice a second."""
         if self.run.run_id == 0:
             return ["the run"]
         for stage, port in self.healths.items():
@@ -437,8 +437,8 @@ class Source(Stage):
         return missing
 
     def wait(self, seconds=0):
-        """Sleeps with heartbeats for so long, and before the first scan of a run until it can be taken. False: this process was asked to
-        end. Call it at least twice a second."""
+        """Sleeps for `seconds` and sends heartbeats; before the first scan of a run it also waits until a scan can be taken. False: this
+        process was asked to end. Call it at least twice a second."""
         until_ns = time.monotonic_ns() + int(seconds * 1e9)
         while not self.is_stopping:
             self.follow()
@@ -460,8 +460,8 @@ class Source(Stage):
         return False
 
     def publish(self, points, stamp_ns=None, name=""):
-        """A scan: N rows of x, y, z (m; forward, left, up) and intensity (0 to 1); `stamp_ns`: the sensor's time, ns since 1970; `name`:
-        its last 48 bytes. Rows that are not finite are left out, and so are those beyond the limit; both are counted and flagged."""
+        """Publishes a scan: N rows of x, y, z (m; forward, left, up) and intensity (0 to 1). `stamp_ns`: the sensor's time, ns since 1970.
+        Of `name` the last 48 bytes are used. Rows that are not finite or beyond the limit are left out, counted and flagged."""
         started_ns, points = time.monotonic_ns(), np.asarray(points, np.float32)
         if points.ndim != 2 or points.shape[1] != 4 or self.sequence is None:
             raise ValueError(f"expected an array of N rows and 4 columns after wait() was true, found {points.shape}")
@@ -484,7 +484,7 @@ class Source(Stage):
         self.tick()
 
     def finish(self, seconds=5):
-        """Waits until the last scan has passed, for so long at most, and leaves: ends the run, unless this process was asked to end."""
+        """Waits until the last scan has passed, at most `seconds`, and leaves. This ends the run, unless this process was asked to end."""
         until = time.monotonic() + seconds
         while self.sequence and time.monotonic() < until and self.wait(0.02):
             self.status = newest(self.statuses, Status) or self.status
@@ -513,7 +513,7 @@ class Refiner(Stage):
         self.say(BAD, reason)
 
     def frames(self):
-        """Frame after frame, always the newest, until this process is asked to end."""
+        """Yields frame after frame, always the newest, until this process is asked to end."""
         heard_ns = time.monotonic_ns()
         self.say(WAITING_INPUT, "waiting for detections")
         while not self.is_stopping:
@@ -567,13 +567,13 @@ class Refiner(Stage):
         return SimpleNamespace(header=header, points=points, detections=view(sample, Detection, count))
 
     def count(self, unknown):
-        """Health tells what became of the candidates: by disposition, then by flag."""
+        """Counts the candidates in the health message: by disposition, then by flag."""
         counts = np.ctypeslib.as_array(self.health.candidates)
         counts[:9] += np.bincount(unknown["disposition"], minlength=9)[:9].astype(np.uint64)
         counts[9:] += (unknown["flags"][:, None] >> np.arange(3) & 1).sum(0).astype(np.uint64)
 
     def thin(self, header, objects, indices):
-        """Every second point of each object, or fewer, where all of them are more than the topic takes."""
+        """Keeps every second point of each object, or fewer, if all points are more than the topic takes."""
         step, first, count = 1, objects["points_first"].astype(int), objects["points_count"].astype(int)
         while (-(-count // step)).sum() > OBJECT_POINTS_MAX:
             step += 1
@@ -584,7 +584,7 @@ class Refiner(Stage):
         return np.concatenate([indices[f : f + n : step] for f, n in zip(first, count)])
 
     def publish(self, frame, objects, indices):
-        """The objects (an array of dtype Object) and their points: indices into the frame's."""
+        """Publishes the objects (an array of dtype Object) and their points: indices into the frame's points."""
         header = frame.header
         objects = np.ascontiguousarray(objects, Object)  # what is sent is its memory
         if len(indices) > OBJECT_POINTS_MAX:

@@ -11,12 +11,12 @@ use serde_json::{Value, json};
 /// Instruction sets that the kernels choose by.
 const EXTENSIONS: &str =
     "avx2 fma avx_vnni avx512f avx512_bf16 avx512_vnni amx_bf16 amx_int8 asimd asimddp bf16";
-/// Bytes.
+/// Bytes per MiB.
 const MIB: u64 = 1 << 20;
-/// Folders whose files are in the program `mluc`.
+/// Folders and files from which the program `mluc` is built.
 const SOURCES: &str = "ipc-types geometry kernels model services weights Cargo.toml";
 
-/// Processor, memory, kernel, and the moment; what the system does not say is null.
+/// Processor, memory, kernel and time; a value that the system does not report is null.
 pub(crate) fn describe_machine() -> Value {
     let cpus = CpuInfo::current().ok();
     let field = |name: &str| cpus.as_ref().and_then(|cpus| cpus.get_field(0, name));
@@ -53,14 +53,14 @@ pub(crate) fn describe_build(program: &Path) -> Value {
     })
 }
 
-/// Processes that ran or wanted to, over the last minute: near 0 on a quiet machine.
+/// Load average of the last minute (processes that ran or were ready to run): near 0 on a quiet machine.
 pub(crate) fn load() -> f64 {
     let one = LoadAverage::current().map_or(0.0, |load| f64::from(load.one));
-    // As the kernel writes it.
+    // Two decimals, as the kernel writes it.
     (one * 100.0).round() / 100.0
 }
 
-/// The processes that a process has started and that are left.
+/// The child processes of a process that still exist.
 pub(crate) fn children(pid: u32) -> Option<Vec<u32>> {
     let main = Process::new(pid as i32).ok()?.task_main_thread();
     main.ok()?.children().ok()
@@ -75,7 +75,7 @@ fn compiler(program: &[u8]) -> Option<String> {
     Some(String::from_utf8_lossy(note).into_owned())
 }
 
-/// Of what was built: `MLUC_COMMIT` when the build had it set; else, where the sources still lie on this machine, the last
+/// Commit of the program: `MLUC_COMMIT` if the build had it set; else, if the sources are still on this machine, the last
 /// commit before the program was built, with `-dirty` when a source changed since that commit and before the build.
 fn commit(program: &Path) -> Option<String> {
     if let Some(commit) = option_env!("MLUC_COMMIT") {

@@ -5,10 +5,10 @@ use std::path::Path;
 use mluc_tests::{Running, Setting, assert_has, mluc_program, read_json};
 use serde_json::{Value, json};
 
-/// Options of a short run, each side in turns.
+/// Options of a short run, with the two sides interleaved.
 const SHORT: &str = "--seconds 4 --warm-up 0.5 --rate 8 --rounds 2";
 
-/// Of both sides.
+/// The reports of both sides.
 fn reports(out: &Path) -> [Value; 2] {
     ["a", "b"].map(|side| read_json(&out.join(side).join("report.json")))
 }
@@ -28,7 +28,7 @@ fn two_refiners_are_measured_on_the_same_frames() {
     assert_eq!(a["scenario"]["refiner"], "none");
     assert_eq!(b["scenario"]["refiner"], "range-scaled");
     assert_eq!(a["frames"]["in"], b["frames"]["in"]);
-    // The noisiest round's, and the last one's.
+    // The report has the noise of the noisiest round, and the other figures of the last round.
     let others = |report: &Value| report["quiet"]["other_processes_share_of_all_cores"].as_f64();
     let rounds = [0, 1].map(|n| out.join(format!("a/round-{n}/report.json")));
     let shares = rounds.iter().filter_map(|path| others(&read_json(path)));

@@ -1,4 +1,4 @@
-//! The functions that C calls. No panic crosses the border.
+//! The functions that C calls. No panic reaches the caller.
 
 use std::ffi::{CStr, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -23,15 +23,15 @@ pub struct MlucFrame {
     pub run: *const RunDescription,
     /// Points of the same scan; none when they are gone (the header's flags say so).
     pub points: *const Point,
-    /// How many.
+    /// Number of points.
     pub points_count: usize,
-    /// Checked: classes, kinds and boxes make sense.
+    /// Checked detections: classes, kinds and boxes make sense.
     pub detections: *const Detection,
-    /// How many.
+    /// Number of detections.
     pub detections_count: usize,
 }
 
-/// `mluc_result` in C: what a pipeline says. Readable until the next call with the same handle.
+/// `mluc_result` in C: a pipeline's newest frame and status. Readable until the next call with the same handle.
 #[derive(Clone, Copy, Debug, Zeroable)]
 #[repr(C)]
 pub struct MlucResult {
@@ -39,19 +39,19 @@ pub struct MlucResult {
     pub header: *const FrameHeader,
     /// The run that it belongs to.
     pub run: *const RunDescription,
-    /// The pipeline's; null: no supervisor has published one.
+    /// The pipeline's status; null: no supervisor has published one.
     pub status: *const Status,
-    /// Of the scan; none when they are gone.
+    /// Points of the scan; none when they are gone.
     pub points: *const Point,
-    /// How many.
+    /// Number of points.
     pub points_count: usize,
-    /// Checked.
+    /// Checked objects.
     pub objects: *const Object,
-    /// How many.
+    /// Number of objects.
     pub objects_count: usize,
-    /// Into `points`, of the objects; none when these are gone.
+    /// The objects' points: indices into `points`; none when these are gone.
     pub indices: *const u32,
-    /// How many.
+    /// Number of indices.
     pub indices_count: usize,
 }
 
@@ -71,7 +71,7 @@ pub extern "C" fn mluc_wire_version() -> u32 {
     WIRE_VERSION
 }
 
-/// Words of this thread's last error; valid until its next one.
+/// The message of this thread's last error; valid until its next error.
 #[unsafe(no_mangle)]
 pub extern "C" fn mluc_last_error() -> *const c_char {
     last()
@@ -100,7 +100,7 @@ macro_rules! handle {
             })
         }
 
-        /// Leaves. Null is fine.
+        /// Leaves the instance and closes the handle. Null is allowed.
         ///
         /// # Safety
         /// `handle` comes from the function that opens it, is closed once, and is used no more.
@@ -108,7 +108,7 @@ macro_rules! handle {
         pub unsafe extern "C" fn $close(handle: *mut $handle) {
             guarded(|| {
                 if !handle.is_null() {
-                    // SAFETY: by the caller's promise it is ours, and nobody else's.
+                    // SAFETY: by the caller's promise it is ours, and nobody else uses it.
                     drop(unsafe { Box::from_raw(handle) });
                 }
                 Ok(Code::Ok)
@@ -198,7 +198,7 @@ pub unsafe extern "C" fn mluc_refiner_publish(
     })
 }
 
-/// Waits for the newest frame, at most `timeout_ms`. The status is told in any case.
+/// Waits for the newest frame, at most `timeout_ms`. The status is given in any case.
 ///
 /// # Safety
 /// `consumer` comes from [`mluc_consumer_open`] and was not closed, or is null; `result` is null or points to writable memory.
@@ -238,7 +238,7 @@ unsafe fn opened<'a>(handle: *mut MlucSource) -> Result<&'a mut Source, Failure>
     handle.map(|MlucSource(source)| source).ok_or_else(null)
 }
 
-/// Sleeps for `wait_ms`, with heartbeats; tells the sequence of the next scan where one can be taken.
+/// Sleeps for `wait_ms` and sends heartbeats; gives the sequence of the next scan if one can be taken.
 ///
 /// # Safety
 /// `source` comes from [`mluc_source_open`] and was not closed, or is null; `sequence` is null or points to writable memory.
@@ -283,7 +283,7 @@ pub unsafe extern "C" fn mluc_source_publish(
     })
 }
 
-/// Waits until the last scan has passed, at most `timeout_ms`, and says that the input is at its end: the run ends.
+/// Waits until the last scan has passed, at most `timeout_ms`, and reports the end of the input: the run ends.
 ///
 /// # Safety
 /// `source` as above.

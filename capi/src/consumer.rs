@@ -1,4 +1,4 @@
-//! A consumer's process: what a pipeline says of its newest frame, and of itself.
+//! A consumer's process: the newest frame of a pipeline, and the pipeline's status.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use crate::error::{Code, Failure};
 
 /// Ports, and the frame that was given last.
 pub(crate) struct Consumer {
-    // Ports and messages go before the shell.
+    // Ports and messages are dropped before the shell.
     pub(crate) frame: Option<Frame>,
     frames: Frames<Object>,
     object_points: Input<u32>,
@@ -26,12 +26,12 @@ pub(crate) struct Consumer {
 pub(crate) struct Frame {
     pub(crate) header: FrameHeader,
     pub(crate) objects: Vec<Object>,
-    /// Of the objects' points; none where they, or the points, are gone.
+    /// Indices of the objects' points; none if they, or the points, are gone.
     pub(crate) indices: Vec<u32>,
 }
 
 impl Consumer {
-    /// Joins the instance that the environment names, where no pipeline need run yet.
+    /// Joins the instance that the environment names; a pipeline need not run there yet.
     pub(crate) fn open() -> Result<Consumer, RuntimeError> {
         log_to_stderr("consumer", "info");
         let instance = Instance::from_environment()?;
@@ -50,7 +50,7 @@ impl Consumer {
 
     /// Waits for the newest frame that keeps the contract; others are refused and logged. [`Code::Ok`]: it came.
     pub(crate) fn wait(&mut self, timeout: Duration) -> Result<Code, Failure> {
-        // Only after a frame: until one comes, the oldest scan may be its own.
+        // Only after a frame: before the first frame comes, the oldest scan may belong to it.
         if self.frame.take().is_some() {
             self.frames.release();
         }
@@ -101,7 +101,7 @@ impl Consumer {
         self.shell.run()
     }
 
-    /// Of a frame, where they lie in shared memory; none: they are gone.
+    /// The points of a frame in shared memory; empty: they are gone.
     pub(crate) fn points(&self, sequence: u64) -> &[Point] {
         self.frames.points(sequence).unwrap_or_default()
     }

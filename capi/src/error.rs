@@ -1,4 +1,4 @@
-//! Errors as codes; the words of the last one by thread.
+//! Errors as codes; each thread keeps the message of its last error.
 
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
@@ -28,7 +28,7 @@ pub enum Code {
     Internal = -5,
 }
 
-/// An error with its words.
+/// An error with its message.
 #[derive(Debug)]
 pub(crate) struct Failure {
     pub(crate) code: Code,
@@ -58,14 +58,14 @@ thread_local! {
     static LAST: RefCell<CString> = RefCell::default();
 }
 
-/// Keeps the words for `mluc_last_error`.
+/// Keeps the message for `mluc_last_error`.
 pub(crate) fn remember(words: &str) {
     let words = CString::new(words.replace('\0', " ")).unwrap_or_default();
-    // Only fails while the thread ends: nobody asks any more.
+    // It only fails while the thread ends: then nobody reads the message.
     let _ = LAST.try_with(|last| last.replace(words));
 }
 
-/// Valid until the next failing call of this thread.
+/// The last message; valid until the next failing call of this thread.
 pub(crate) fn last() -> *const c_char {
     LAST.try_with(|last| last.borrow().as_ptr())
         .unwrap_or(c"".as_ptr())

@@ -1,5 +1,5 @@
-//! A C interface for a source, a refiner or a consumer of one's own, in any language that can call C: `include/mluc.h` is its description,
-//! `docs/CONTRACT.md` says what they must do. This crate does the part of it that is the same for all: joining,
+//! A C interface for your own source, refiner or consumer, in any language that can call C: `include/mluc.h` describes it,
+//! `docs/CONTRACT.md` says what these programs must do. This crate does the part that is the same for all: joining,
 //! waiting, checking what came in, finding the points of a frame, stamps, health, leaving.
 //!
 //! Open, wait, publish, close, and the words of the last error. A handle belongs to one thread at a time.

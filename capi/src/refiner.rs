@@ -15,7 +15,7 @@ use crate::error::{Code, Failure};
 
 /// Ports, health and the frame in work.
 pub(crate) struct Refiner {
-    // Ports and messages go before the shell.
+    // Ports and messages are dropped before the shell.
     frame: Option<Frame>,
     frames: Frames<Detection>,
     objects: Output<Object>,
@@ -83,7 +83,7 @@ impl Refiner {
             }
             let stamps = header.stamps_mut(Stage::Refiner);
             (stamps.received_ns, stamps.started_ns) = (detections.received_ns, monotonic_ns());
-            // A scan of which the program dies twice is set aside.
+            // A scan that kills the program twice is set aside.
             self.shell.note_frame(Some(header.sequence));
             self.frame = Some(Frame {
                 header,
@@ -131,7 +131,7 @@ impl Refiner {
         let mut header = *header;
         let bytes_read = (size_of_val(points) + size_of_val(detections)) as u64;
         header.flag(flags);
-        // First the indices: whoever has the objects can ask for their points.
+        // The indices go first: a consumer that has the objects can then find their points.
         stamp_published(Stage::Refiner, &mut header);
         self.object_points.send(&header, indices)?;
         let mut loan = self.objects.loan(&header, objects.len())?;

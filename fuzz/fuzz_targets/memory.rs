@@ -1,4 +1,4 @@
-//! Messages of shared memory, to those who read them. The first byte chooses; a header comes first.
+//! Messages of shared memory, given to their readers. The first byte selects the kind; a header follows.
 #![no_main]
 
 use bytemuck::pod_collect_to_vec as elements;
@@ -24,7 +24,7 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
         4 => elements::<_, Status>(body)
             .iter()
             .for_each(|status| drop(status.checked())),
-        // What passes the check can be written.
+        // What passes the check must be writable as output.
         _ => {
             let (objects, indices) = body.split_at(body.len() / 2);
             let (objects, indices) = (elements(objects), elements(indices));

@@ -1,4 +1,4 @@
-//! Detections and points, to the refiner: what it makes of anything passes the check of those behind it.
+//! Detections and points for the refiner: any output of the refiner passes the check of the later stages.
 #![no_main]
 
 use bytemuck::pod_collect_to_vec as elements;

@@ -21,7 +21,7 @@ impl Box3 {
         }
     }
 
-    /// Of a message's numbers.
+    /// From the f32 numbers of a message: centre and size, m; yaw, rad.
     pub fn from_f32(center_m: [f32; 3], size_m: [f32; 3], yaw_rad: f32) -> Box3 {
         Box3 {
             center_m: center_m.map(f64::from),
@@ -67,9 +67,9 @@ impl Box3 {
         Inside::of(self, 0.0).has_point(point)
     }
 
-    /// How many of a scan's points lie inside.
+    /// Number of a scan's points that lie inside.
     pub fn count_inside(&self, points: &[[f32; 4]]) -> usize {
-        // The square around the footprint settles most points without the turn.
+        // The square around the footprint decides most points without the rotation.
         let (own, reach_m) = (Inside::of(self, 0.0), self.half_diagonal_m());
         let near = |p: &[f32; 4], i: usize| (f64::from(p[i]) - self.center_m[i]).abs() <= reach_m;
         let inside = |p: &&[f32; 4]| near(p, 0) && near(p, 1) && own.has_point(p);
@@ -77,7 +77,7 @@ impl Box3 {
     }
 }
 
-/// A box prepared for many questions: its heading's sine and cosine are taken once.
+/// A box prepared for many containment tests: the sine and cosine of its heading are computed once.
 #[derive(Clone, Copy, Debug)]
 pub struct Inside {
     center_m: [f64; 3],
@@ -87,7 +87,7 @@ pub struct Inside {
 }
 
 impl Inside {
-    /// Of the box with a margin on every side, m.
+    /// Prepares the box, enlarged by a margin on every side, m.
     #[inline]
     pub fn of(shape: &Box3, margin_m: f64) -> Inside {
         let (sin, cos) = shape.yaw_rad.sin_cos();
@@ -99,7 +99,7 @@ impl Inside {
         }
     }
 
-    /// Whether a point lies inside or on the surface; one that is not a number does not.
+    /// Whether a point lies inside or on the surface; false for a point with a NaN coordinate.
     #[inline]
     pub fn contains(&self, point_m: [f64; 3]) -> bool {
         let [dx, dy, dz] = [0, 1, 2].map(|i| point_m[i] - self.center_m[i]);
@@ -115,7 +115,7 @@ impl Inside {
     }
 }
 
-/// The angle brought into `[-offset * period, (1 - offset) * period)`.
+/// The angle shifted by whole periods into `[-offset * period, (1 - offset) * period)`.
 pub fn limit_period(value: f64, offset: f64, period: f64) -> f64 {
     value - (value / period + offset).floor() * period
 }

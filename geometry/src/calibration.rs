@@ -1,4 +1,4 @@
-//! Between the sensor frame and KITTI's camera frame: `x_rect = R0_rect * Tr_velo_to_cam * x_sensor`,
+//! Transforms between the sensor frame and KITTI's camera frame: `x_rect = R0_rect * Tr_velo_to_cam * x_sensor`,
 //! `pixel = P2 * x_rect`. A label's location is the centre of the bottom face and its heading turns about the
 //! camera's y axis, which points down: `yaw = -(rotation_y + pi / 2)`.
 
@@ -7,7 +7,7 @@ use crate::image::{ImageSize, pixel_bounds};
 use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// The map from sensor to camera cannot be inverted, or holds a value that is not finite.
+/// The map from sensor to camera cannot be inverted, or contains a value that is not finite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "calibration: R0_rect * Tr_velo_to_cam must be an invertible map of finite numbers, found one that is not"
@@ -26,9 +26,9 @@ pub struct CameraBox {
 }
 
 impl CameraBox {
-    /// The box in the camera's place but with the sensor's axes: x forward, y left, z up.
+    /// The box relative to the camera's origin but along the sensor's axes: x forward, y left, z up.
     ///
-    /// Two boxes overlap there exactly as they do in the camera frame, so labels and detections can be compared without a calibration.
+    /// Two such boxes overlap exactly as they do in the camera frame, so labels and detections can be compared without a calibration.
     pub fn upright(&self) -> Box3 {
         let [x, y, z] = self.location_m;
         let [h, w, l] = self.size_hwl_m;
@@ -60,11 +60,11 @@ pub struct Calibration {
     sensor_from_rect: Affine,
 }
 
-/// Nearest depth that is projected, m: parts of a box behind it are cut off.
+/// Smallest depth that is projected, m: the parts of a box nearer than this are cut off.
 const DEPTH_MIN_M: f64 = 0.1;
 
 impl Calibration {
-    /// From KITTI's matrices, row by row. `p2` may be all 0: there is no camera then.
+    /// From KITTI's matrices, row by row. A `p2` of zeros means that there is no camera.
     pub fn new(
         p2: [[f64; 4]; 3],
         r0_rect: [[f64; 3]; 3],
@@ -91,7 +91,7 @@ impl Calibration {
         })
     }
 
-    /// A sensor without a camera: axes swapped, no shift, P2 all 0 (what the simulator's full-circle frames carry).
+    /// For a sensor without a camera: axes swapped, no shift, P2 all 0. The simulator's full-circle frames use it.
     pub fn without_camera() -> Calibration {
         let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let axes = [
@@ -112,17 +112,17 @@ impl Calibration {
         ]
     }
 
-    /// Whether there is an image: false where P2 is all 0.
+    /// Whether there is a camera: false if P2 is all 0.
     pub fn has_camera(&self) -> bool {
         self.p2.iter().flatten().any(|&v| v != 0.0)
     }
 
-    /// A point from the sensor frame to the camera frame, m.
+    /// Converts a point from the sensor frame to the camera frame, m.
     pub fn rect_from_sensor(&self, point_in_sensor_m: [f64; 3]) -> [f64; 3] {
         self.rect_from_sensor.apply(point_in_sensor_m)
     }
 
-    /// Where the camera looks, rad about z from the sensor's x. As with KITTI's labels, a turn below 5 degrees moves centres and leaves headings.
+    /// Direction of the camera's optical axis, rad about z from the sensor's x; 0 below 5 degrees, where KITTI's labels keep headings unchanged.
     fn turn_rad(&self) -> f64 {
         let [origin, ahead] = [[0.0; 3], [0.0, 0.0, 1.0]].map(|p| self.sensor_from_rect.apply(p));
         let turn_rad = (ahead[1] - origin[1]).atan2(ahead[0] - origin[0]);
@@ -132,7 +132,7 @@ impl Calibration {
         turn_rad
     }
 
-    /// A label's box in the sensor frame. The box stays upright: the small tilt between the frames moves its centre and leaves its axes.
+    /// A label's box in the sensor frame. The box stays upright: the small tilt between the frames changes its centre and not its axes.
     pub fn box_in_sensor_from_label(&self, label: &CameraBox) -> Box3 {
         let [h, w, l] = label.size_hwl_m;
         let [x, y, z_bottom] = self.sensor_from_rect.apply(label.location_m);
@@ -154,7 +154,7 @@ impl Calibration {
         }
     }
 
-    /// A point of the sensor frame in the image, px; `None` without a camera or behind it.
+    /// Projects a point of the sensor frame into the image, px; `None` without a camera or for a point behind it.
     pub fn project_point_to_image(&self, point_in_sensor_m: [f64; 3]) -> Option<[f64; 2]> {
         let [u, v, depth] = self.homogeneous(self.rect_from_sensor(point_in_sensor_m));
         (depth >= DEPTH_MIN_M).then(|| [u / depth, v / depth])
@@ -177,7 +177,7 @@ impl Calibration {
     }
 }
 
-/// Where an edge begins to be seen from `a` on, px: `a` itself, or the cut with the nearest depth.
+/// The visible end of an edge on the side of `a`, px: `a` itself, or the intersection with the smallest depth.
 fn visible_end_px(a: [f64; 3], b: [f64; 3]) -> Option<[f64; 2]> {
     if a[2] >= DEPTH_MIN_M {
         return Some([a[0] / a[2], a[1] / a[2]]);
@@ -215,7 +215,7 @@ impl Affine {
 mod tests {
     use super::*;
 
-    /// Numbers of the kind that KITTI's files hold: a small tilt, a lever arm, a camera of 721.5 px.
+    /// Numbers like those in KITTI's files: a small tilt, a lever arm, a focal length of 721.5 px.
     fn kitti_like() -> Calibration {
         let (s, c) = 0.01f64.sin_cos();
         Calibration::new(

@@ -25,7 +25,7 @@ impl ImageSize {
     }
 }
 
-/// The box around points; without points its sides are infinite and the wrong way around.
+/// The bounding box of points, px; without points, left and top are +infinity, right and bottom are -infinity.
 pub fn pixel_bounds(points_px: impl Iterator<Item = [f64; 2]>) -> [f64; 4] {
     let (most, least) = (f64::INFINITY, f64::NEG_INFINITY);
     points_px.fold([most, most, least, least], |b, [u, v]| {
@@ -50,7 +50,7 @@ pub fn iou_2d(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     if common > 0.0 { common / union } else { 0.0 }
 }
 
-/// Intersection over the first box's own area: how much of it lies in the second one.
+/// Intersection over the first box's area: the share of the first box that lies in the second one.
 pub fn overlap_of_first_2d(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     let common = intersection(a, b);
     if common > 0.0 { common / area(a) } else { 0.0 }

@@ -1,7 +1,7 @@
-//! Boxes, rotated overlap, non-maximum suppression, frames of reference, the ground; the one random generator, hash, quantile and bootstrap.
+//! Boxes, rotated overlap, non-maximum suppression, coordinate frames, the ground; the workspace's only random generator, hash, quantile, bootstrap.
 //!
 //! Sensor frame: x forward, y left, z up, metres. Angles in rad, yaw about +z, 0 along +x.
-//! Camera frame (KITTI "rect"): x right, y down, z forward, metres; [`Calibration`] goes between the two.
+//! Camera frame (KITTI "rect"): x right, y down, z forward, metres; [`Calibration`] converts between the two.
 
 mod boxes;
 mod calibration;

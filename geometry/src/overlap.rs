@@ -1,6 +1,6 @@
-//! How much two upright boxes overlap, rotated in bird's-eye view (BEV) and in 3D, and which of many stay.
+//! Overlap of two upright boxes, rotated in bird's-eye view (BEV) and in 3D; non-maximum suppression.
 //!
-//! Everything in f64. A box with a size that is not positive, or with a coordinate that is not finite, overlaps nothing.
+//! All arithmetic is f64. A box with a size that is not positive, or with a coordinate that is not finite, overlaps nothing.
 
 use crate::{boxes::Box3, polygon::Polygon};
 
@@ -20,7 +20,7 @@ fn footprint_m2(b: &Box3) -> f64 {
 
 /// Whether the circles around two footprints may touch: a cheap test before the exact one.
 ///
-/// `(r_a + r_b)^2 <= 2 (r_a^2 + r_b^2)`, equal for equal radii, spares the roots.
+/// The bound `(r_a + r_b)^2 <= 2 (r_a^2 + r_b^2)`, with equality for equal radii, avoids the square roots.
 fn circles_may_touch(a: &Box3, b: &Box3) -> bool {
     let (dx, dy) = (a.center_m[0] - b.center_m[0], a.center_m[1] - b.center_m[1]);
     let diagonal_m2 = |b: &Box3| b.size_m[0] * b.size_m[0] + b.size_m[1] * b.size_m[1];
@@ -85,9 +85,9 @@ pub fn intersection_over_min_area(a: &Box3, b: &Box3) -> f64 {
 
 /// Keeps a box when its rotated BEV IoU with every box kept before is at most `iou_max`.
 ///
-/// `order` holds indices into `boxes`, best first; indices beyond the boxes are passed over. `kept` is emptied, then takes
-/// at most `kept_max` indices, best first: no allocation when that is its capacity. Until then `suppressed(number, index, iou)`
-/// is told of each box that overlaps a kept one: `number` is the place of the best such, whatever a later one overlaps.
+/// `order` lists indices into `boxes`, best first; indices beyond the boxes are skipped. `kept` is cleared, then gets at most `kept_max`
+/// indices, best first, without allocation when its capacity is `kept_max`; the function returns when it is full. Until then it calls
+/// `suppressed(number, index, iou)` for each suppressed box: `number` is the position in `kept` of the best box that overlaps it.
 pub fn nms_into(
     boxes: &[Box3],
     order: &[usize],
@@ -104,7 +104,7 @@ pub fn nms_into(
         let Some(candidate) = boxes.get(index) else {
             continue;
         };
-        // `iou_bev` rejects by circles around the boxes first, which settles nearly every pair of a scene.
+        // `iou_bev` first compares the circles around the boxes, which rejects nearly every pair of a scene.
         let overlaps = kept.iter().map(|&other| iou_bev(&boxes[other], candidate));
         match overlaps.enumerate().find(|(_, iou)| *iou > iou_max) {
             Some((number, iou)) => suppressed(number, index, iou),
@@ -147,7 +147,7 @@ mod tests {
             for axis in 0..3 {
                 let mut b = a;
                 b.size_m[axis] = bad;
-                // An infinite height is a column: what counts is that nothing but a fraction comes out.
+                // An infinite height is a column: the IoU only has to be a fraction.
                 let iou = iou_3d(&a, &b);
                 assert!((0.0..=1.0).contains(&iou), "{iou}");
                 assert!(axis == 2 || iou_bev(&a, &b) == 0.0);

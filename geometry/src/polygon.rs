@@ -1,4 +1,4 @@
-//! Convex polygons: cutting by half planes (Sutherland and Hodgman, 1974) and area.
+//! Convex polygons: clipping by half planes (Sutherland and Hodgman, 1974) and area.
 
 /// A convex polygon of at most `MAX` corners, in order.
 #[derive(Clone, Copy, Debug)]
@@ -8,7 +8,7 @@ pub struct Polygon<const MAX: usize> {
 }
 
 impl<const MAX: usize> Polygon<MAX> {
-    /// From corners in order; those beyond `MAX` are left out. Rounding could add such a corner only to a polygon that is not convex.
+    /// From corners in order; corners beyond `MAX` are left out. Rounding could add such a corner only to a polygon that is not convex.
     pub fn new(corners: impl IntoIterator<Item = [f64; 2]>) -> Polygon<MAX> {
         let (mut polygon, corners) = (Polygon::EMPTY, corners.into_iter());
         corners.for_each(|corner| polygon.push(corner));
@@ -27,7 +27,7 @@ impl<const MAX: usize> Polygon<MAX> {
         }
     }
 
-    /// In order.
+    /// The corners in order.
     pub fn corners(&self) -> &[[f64; 2]] {
         &self.corners[..self.count]
     }
@@ -50,7 +50,7 @@ impl<const MAX: usize> Polygon<MAX> {
         kept
     }
 
-    /// By the shoelace formula, not negative.
+    /// The area by the shoelace formula; never negative.
     pub fn area(&self) -> f64 {
         let corners = self.corners();
         let next = corners.iter().cycle().skip(1);

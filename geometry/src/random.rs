@@ -1,4 +1,4 @@
-//! The random numbers of the workspace: they depend on a seed and a key alone, so that the same seed gives the same result. And its one hash.
+//! The random numbers of the workspace, and its only hash. The numbers depend on a seed and a key alone: the same seed gives the same result.
 //!
 //! SplitMix64 (Steele, Lea, Flood 2014): small and fast; not for cryptography. (The simulator lays out scenes with ChaCha8.)
 
@@ -15,10 +15,10 @@ pub fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// What [`fnv1a`] begins with.
+/// The initial hash of [`fnv1a`].
 pub const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
 
-/// FNV-1a (64 bit): what `hash` becomes with more bytes.
+/// FNV-1a (64 bit): `hash` continued with more bytes.
 pub fn fnv1a(hash: u64, bytes: &[u8]) -> u64 {
     bytes.iter().fold(hash, |hash, byte| {
         (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
@@ -71,7 +71,7 @@ impl Random {
         radius * (std::f64::consts::TAU * self.unit()).cos()
     }
 
-    /// Fisher-Yates.
+    /// Shuffles the items in place (Fisher-Yates).
     pub fn shuffle<T>(&mut self, items: &mut [T]) {
         for i in (1..items.len()).rev() {
             items.swap(i, self.below(i + 1));

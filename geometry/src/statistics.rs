@@ -1,4 +1,4 @@
-//! The one quantile, and the one bootstrap: what a draw takes of `count` things (Efron 1979; in blocks on a circle, Politis and Romano 1992), and how far values lie apart.
+//! The workspace's only quantile and bootstrap (Efron 1979; circular blocks: Politis and Romano 1992), and the mean with the standard deviation.
 
 use crate::Random;
 
@@ -9,14 +9,14 @@ pub fn quantile(ascending: &[f64], q: f64) -> Option<f64> {
     ascending.get(rank - 1).copied()
 }
 
-/// The same of values in any order.
+/// [`quantile`] of values in any order.
 pub fn quantile_of(mut values: Vec<f64>, q: f64) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     quantile(&values, q)
 }
 
-/// As many indices as there are things, in runs of `block` neighbours (1 to `count`) that begin anywhere and go on from the last to the first, so that each is
-/// as likely: what depends on its neighbours stays with them. Runs of 1 are the plain bootstrap.
+/// Draws `count` indices in runs of `block` neighbours (1 to `count`). A run begins anywhere and continues from the last index at the first, so
+/// that every index is equally likely. A run keeps dependent neighbours together. Runs of 1 are the plain bootstrap.
 pub fn resample(count: usize, block: usize, random: &mut Random) -> Vec<usize> {
     let mut drawn = Vec::with_capacity(count);
     while drawn.len() < count {
@@ -44,7 +44,7 @@ mod tests {
         let mut seen = draw(1, 1);
         seen.sort_unstable();
         seen.dedup();
-        // 1 - 1/e of them: 632 in the mean, 15 either way is three deviations and more.
+        // 1 - 1/e of them: 632 on average, with a standard deviation of 10.
         assert!((587..=677).contains(&seen.len()), "{}", seen.len());
         assert!(draw(1, 1) == draw(1, 1) && draw(1, 1) != draw(2, 1));
         let runs = draw(1, 70);

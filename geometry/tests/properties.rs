@@ -1,4 +1,4 @@
-//! What must hold for any two boxes, whatever their place and size.
+//! Properties of any two boxes, whatever their position and size.
 
 use mluc_geometry::{Box3, Inside, intersection_bev_m2, iou_3d, iou_bev, limit_period, nms_into};
 use proptest::prelude::*;
@@ -20,7 +20,7 @@ fn nms(boxes: &[Box3], iou_max: f64, kept_max: usize) -> Vec<usize> {
     kept
 }
 
-/// Turned about the sensor and moved.
+/// The box, turned about the sensor and moved.
 fn moved(b: &Box3, turn_rad: f64, shift_m: [f64; 3]) -> Box3 {
     let (sin, cos) = turn_rad.sin_cos();
     let ([x, y, z], [dx, dy, dz]) = (b.center_m, shift_m);
@@ -40,7 +40,7 @@ fn scaled(b: &Box3, factor: f64) -> Box3 {
 }
 
 proptest! {
-    /// A prepared box says what the point's place in the box's own frame says.
+    /// A prepared box agrees with the point's position in the box's own frame.
     #[test]
     fn inside_is_within_half_the_sides(b in boxes(), x in -5.0..5.0f64, y in -5.0..5.0f64, z in -2.0..2.0f64, margin in 0.0..0.5f64) {
         let local = b.local_m([x, y, z]);
@@ -88,7 +88,7 @@ proptest! {
         prop_assert!(intersection_bev_m2(&a, &b) <= smaller);
     }
 
-    /// The area by counting: an outside answer that shares no code with the clipping.
+    /// The area by counting: an independent answer that shares no code with the clipping.
     #[test]
     fn the_area_agrees_with_counting(a in boxes(), b in boxes()) {
         const STEPS: usize = 200;

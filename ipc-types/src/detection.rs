@@ -18,7 +18,7 @@ pub enum DetectionKind {
     Candidate = 1,
 }
 
-/// Which of the head's gates decided whether a box is known. Its threshold stands beside it, in the gate's own unit.
+/// The gate of the head that decided whether a box is known. The field `threshold` has its threshold, in the gate's own unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum GateKind {
@@ -37,12 +37,12 @@ words!(GateKind: "none" "eds" "unknown_probability" "softmax_max");
 /// `unknown_probability` of a model without an output for the unknown.
 pub const NO_PROBABILITY: f32 = -1.0;
 
-/// Whether a number may stand in `unknown_probability`.
+/// Whether a number is valid in `unknown_probability`.
 pub(crate) fn is_probability_or_none(value: f32) -> bool {
     value == NO_PROBABILITY || (0.0..=1.0).contains(&value)
 }
 
-/// One kept box with every score of it.
+/// One kept box with all its scores.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]
 #[cfg_attr(feature = "iceoryx2", type_name("mluc.Detection"))]
@@ -66,13 +66,13 @@ pub struct Detection {
     pub score: f32,
     /// softmax(-d) over the known classes (eq. 2); zeros of an anchor without a class.
     pub probabilities: [f32; CLASSES_MAX],
-    /// The cell's embedding f, one value a class; zeros behind.
+    /// The cell's embedding f, one value per class, followed by zeros.
     pub embedding: [f32; CLASSES_MAX],
     /// Sum of the squared distances to all prototypes (EDS, eq. 5).
     pub eds: f32,
     /// EDS / ((C-1) T^2): 1 at the centre, 2 at a prototype.
     pub eds_normalised: f32,
-    /// The same without the mean of f: 1 + C |f - mean f|^2 / ((C-1) T^2).
+    /// The normalised EDS without the mean of f: 1 + C |f - mean f|^2 / ((C-1) T^2).
     pub eds_perpendicular: f32,
     /// Squared distance to the nearest prototype over T^2.
     pub delta: f32,
@@ -82,9 +82,9 @@ pub struct Detection {
     pub logit_max: f32,
     /// logsumexp(2 T f).
     pub energy: f32,
-    /// Probability of being none of the known, 0 to 1; [`NO_PROBABILITY`] (-1) where the model does not tell it.
+    /// Probability of belonging to none of the known classes, 0 to 1; [`NO_PROBABILITY`] (-1) if the model does not give it.
     pub unknown_probability: f32,
-    /// [`GateKind`]: of a candidate the gate that fired, of a known box the gate that it passed.
+    /// [`GateKind`]: for a candidate, the gate that fired; for a known box, the gate that it passed.
     pub gate: u32,
     /// Threshold of `gate`, in its unit.
     pub threshold: f32,
@@ -106,7 +106,7 @@ impl Detection {
         Ok(detections)
     }
 
-    /// Checks version and count of a message, for a reader that looks at each detection by itself ([`Detection::check`]).
+    /// Checks version and count of a message, for a reader that checks each detection by itself ([`Detection::check`]).
     pub fn counted<'a>(
         header: &FrameHeader,
         detections: &'a [Detection],
@@ -116,7 +116,7 @@ impl Detection {
         Ok(detections)
     }
 
-    /// Checks class, kind and numbers of the detection in a place of its message.
+    /// Checks class, kind and numbers of the detection at `index` in its message.
     pub fn check(&self, index: usize, classes: usize) -> Result<()> {
         check_index("class", self.class_id as usize, classes)?;
         check_value("kind of a detection", self.kind, 2)?;
@@ -131,7 +131,7 @@ impl Detection {
         require(is_sound, ContractError::NotFinite { what, index })
     }
 
-    /// Whether it is of an anchor with a class.
+    /// Whether its anchor has a class.
     pub fn has_class(&self) -> bool {
         self.probabilities.iter().any(|p| *p > 0.0)
     }
@@ -149,7 +149,7 @@ mod tests {
     /// A change, and how the error about it begins.
     type Change = (fn(&mut Detection), &'static str);
 
-    /// What is said about a detection with one field changed; empty: it passes.
+    /// The error about a detection with one field changed; empty: it passes.
     fn said(change: fn(&mut Detection)) -> String {
         let mut detection = Detection {
             size_m: [4.0, 2.0, 1.5],

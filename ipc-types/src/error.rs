@@ -1,4 +1,4 @@
-//! What a consumer answers to a message that breaks the contract.
+//! The errors about messages that break the contract.
 
 pub(crate) type Result<T> = std::result::Result<T, ContractError>;
 
@@ -32,13 +32,13 @@ pub enum ContractError {
         len: usize,
         found: usize,
     },
-    /// A number that is none of an enum's values.
+    /// A number that is not a value of an enum.
     #[error("{what}: {found} is no known value")]
     Value { what: &'static str, found: u32 },
     /// A message of another run of the pipeline.
     #[error("run {found:016x} of the sender, this run is {expected:016x}")]
     OtherRun { expected: u64, found: u64 },
-    /// A frame that goes back (`first` is the last one seen), or that ingest has not sent.
+    /// A frame whose sequence goes backwards (`first` is the last one seen), or that ingest has not sent.
     #[error(
         "sequence {found}: expected at least {first} and less than {end}, the frames that ingest has sent"
     )]
@@ -70,7 +70,7 @@ pub(crate) fn check_index(what: &'static str, found: usize, len: usize) -> Resul
     require(found < len, ContractError::Index { what, len, found })
 }
 
-/// Refuses a number that is none of an enum's `values`, which begin at 0.
+/// Refuses a number that is not one of an enum's `values`, which begin at 0.
 pub(crate) fn check_value(what: &'static str, found: u32, values: usize) -> Result<()> {
     let is_known = (found as usize) < values;
     require(is_known, ContractError::Value { what, found })

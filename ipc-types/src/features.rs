@@ -1,8 +1,8 @@
 //! Feature rows of the bird's-eye map: for each computed cell its index and its channels.
 //!
-//! A features message is a slice of 64-byte blocks: first the cell indices (u32, sixteen a block, the last block padded with [`u32::MAX`]), then the rows
-//! (channels / 16 blocks each). A cell that is absent equals the model's response to an empty scene, which holds no candidate (`empty_objectness_max` of the
-//! manifest). Of a model whose boxes are measured from the ground the message ends with the ground: z at the nodes of its grid (f32, m, sixteen a block).
+//! A features message is a slice of 64-byte blocks: first the cell indices (u32, sixteen per block, the last block padded with [`u32::MAX`]),
+//! then the rows (channels / 16 blocks each). An absent cell equals the model's response to an empty scene, which has no candidate
+//! (`empty_objectness_max` of the manifest). If boxes are measured from the ground, z at its grid nodes ends the message (f32, m, sixteen per block).
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
@@ -33,7 +33,7 @@ pub struct FeatureRows<'a> {
     pub cells: &'a [u32],
     /// `cells.len() * channels` values.
     pub rows: &'a [f32],
-    /// z of the ground at the nodes of its grid, m; empty where boxes are not measured from it.
+    /// z of the ground at the nodes of its grid, m; empty if boxes are not measured from the ground.
     pub ground_m: &'a [f32],
 }
 

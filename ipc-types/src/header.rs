@@ -63,35 +63,35 @@ impl Flags {
     pub const TRUNCATED: Flags = Flags(1 << 1);
     /// A stage could not do all of its work (points of the frame gone, for instance).
     pub const DEGRADED: Flags = Flags(1 << 2);
-    /// A limit was reached; a stage of ours also says which, with one of the `LIMIT_` flags below.
+    /// A limit was reached; our own stages also set one of the `LIMIT_` flags below, which says which limit.
     pub const LIMIT_HIT: Flags = Flags(1 << 3);
     /// The frame was sent again after silence or a restart.
     pub const RESENT: Flags = Flags(1 << 4);
     /// Points with NaN or infinity were dropped.
     pub const NOT_FINITE: Flags = Flags(1 << 5);
-    /// The input file was damaged (size not a multiple of 16 bytes): what was whole is used.
+    /// The input file was damaged (size not a multiple of 16 bytes): its complete part is used.
     pub const DAMAGED_INPUT: Flags = Flags(1 << 6);
     /// The points of this sequence were gone when the refiner asked for them.
     pub const POINTS_GONE: Flags = Flags(1 << 7);
     /// The scan holds no point.
     pub const EMPTY: Flags = Flags(1 << 8);
-    /// The input does not look like what the model takes, or like the given sensor; ours also says why, with the `SUSPECT_` flags below.
+    /// The input does not look like what the model takes, or like the given sensor; our ingest also sets the `SUSPECT_` flags below, which say why.
     pub const INPUT_SUSPECT: Flags = Flags(1 << 9);
-    /// [`Flags::LIMIT_HIT`] of voxels: points of a frame fill more than the network takes.
+    /// [`Flags::LIMIT_HIT`] of voxels: the points of a frame fill more voxels than the network takes.
     pub const LIMIT_VOXELS: Flags = Flags(1 << 10 | Flags::LIMIT_HIT.0);
     /// [`Flags::LIMIT_HIT`] of the boxes that the head decodes before it suppresses overlapping ones.
     pub const LIMIT_CANDIDATES: Flags = Flags(1 << 11 | Flags::LIMIT_HIT.0);
-    /// [`Flags::LIMIT_HIT`] of detections: the head kept as many as a message holds, or the refiner was sent more.
+    /// [`Flags::LIMIT_HIT`] of detections: the head kept as many as a message can hold, or the refiner received more.
     pub const LIMIT_DETECTIONS: Flags = Flags(1 << 12 | Flags::LIMIT_HIT.0);
     /// [`Flags::LIMIT_HIT`] of the objects' points.
     pub const LIMIT_OBJECT_POINTS: Flags = Flags(1 << 13 | Flags::LIMIT_HIT.0);
     /// [`Flags::LIMIT_HIT`] of the refiner's work or time for a frame.
     pub const LIMIT_WORK: Flags = Flags(1 << 14 | Flags::LIMIT_HIT.0);
-    /// [`Flags::INPUT_SUSPECT`] for too few points, points that are not finite, at the origin or there twice.
+    /// [`Flags::INPUT_SUSPECT`] for too few points, or points that are not finite, at the origin, or duplicates.
     pub const SUSPECT_POINTS: Flags = Flags(1 << 15 | Flags::INPUT_SUSPECT.0);
     /// [`Flags::INPUT_SUSPECT`] for coordinates that are not in m.
     pub const SUSPECT_UNIT: Flags = Flags(1 << 16 | Flags::INPUT_SUSPECT.0);
-    /// [`Flags::INPUT_SUSPECT`] for another axis than z that points up.
+    /// [`Flags::INPUT_SUSPECT`] because another axis than z points up.
     pub const SUSPECT_AXES: Flags = Flags(1 << 17 | Flags::INPUT_SUSPECT.0);
     /// [`Flags::INPUT_SUSPECT`] for the height of the sensor above the ground.
     pub const SUSPECT_HEIGHT: Flags = Flags(1 << 18 | Flags::INPUT_SUSPECT.0);
@@ -105,18 +105,18 @@ impl Flags {
     pub const SUSPECT_RANGE: Flags = Flags(1 << 22 | Flags::INPUT_SUSPECT.0);
     /// [`Flags::INPUT_SUSPECT`] for intensities that are not 0 to 1, or missing.
     pub const SUSPECT_INTENSITY: Flags = Flags(1 << 23 | Flags::INPUT_SUSPECT.0);
-    /// [`Flags::INPUT_SUSPECT`] for the same scan again and again.
+    /// [`Flags::INPUT_SUSPECT`] for a scan that repeats.
     pub const SUSPECT_FROZEN: Flags = Flags(1 << 24 | Flags::INPUT_SUSPECT.0);
     /// [`Flags::INPUT_SUSPECT`] for a sensor that is not the given one.
     pub const SUSPECT_SENSOR: Flags = Flags(1 << 25 | Flags::INPUT_SUSPECT.0);
 
-    /// By bit.
+    /// The names of the flags, by bit.
     const NAMES: &str = "late truncated degraded limit_hit resent not_finite damaged_input points_gone empty input_suspect \
         limit_voxels limit_candidates limit_detections limit_object_points limit_work suspect_points suspect_unit \
         suspect_axes suspect_height suspect_tilt suspect_beams suspect_field suspect_range suspect_intensity \
         suspect_frozen suspect_sensor";
 
-    /// Both sets.
+    /// The union of both sets.
     pub fn with(self, other: Flags) -> Flags {
         Flags(self.0 | other.0)
     }
@@ -133,7 +133,7 @@ impl Flags {
     }
 }
 
-/// Where the sensor was when the scan was taken, in a frame that stands still (any; only differences count).
+/// The pose of the sensor when the scan was taken, in a fixed frame (any fixed frame: only differences count).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend), type_name("mluc.EgoPose"))]
 #[repr(C)]
@@ -144,12 +144,12 @@ pub struct EgoPose {
     pub yaw_rad: f64,
     /// 1 when the pose is known, else 0.
     pub is_known: u32,
-    /// 0.
+    /// Always 0.
     pub reserved: u32,
 }
 
 impl EgoPose {
-    /// A pose; `is_known`: 0 where it is not known, else who tells it.
+    /// A pose; `is_known`: 0 if it is not known, else a number for its source.
     pub fn new(position_m: [f64; 3], yaw_rad: f64, is_known: u32) -> EgoPose {
         EgoPose {
             position_m,
@@ -160,7 +160,7 @@ impl EgoPose {
     }
 }
 
-/// Carried by every message of a frame; the last one holds the whole latency story.
+/// The header of every message of a frame; in the last message it has the stamps of all stages.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]
 #[cfg_attr(feature = "iceoryx2", type_name("mluc.FrameHeader"))]
@@ -174,7 +174,7 @@ pub struct FrameHeader {
     pub run_id: u64,
     /// Counts the frames of one run from 0; a gap is a drop.
     pub sequence: u64,
-    /// The sensor's own time, ns; carried, never compared with the monotonic clock.
+    /// The sensor's own time, ns; it is passed on and never compared with the monotonic clock.
     pub sensor_stamp_ns: u64,
     /// Which sensor.
     pub sensor_id: u32,
@@ -196,7 +196,7 @@ pub struct FrameHeader {
     pub model_fingerprint: u64,
     /// Ego motion, where the source knows it.
     pub ego: EgoPose,
-    /// By [`Stage`].
+    /// The stamps of each [`Stage`].
     pub stages: [StageStamps; 4],
     /// The frame's name (file stem), UTF-8, NUL-padded.
     pub name: [u8; NAME_MAX],
@@ -212,7 +212,7 @@ impl Default for FrameHeader {
 }
 
 impl FrameHeader {
-    /// A fresh header, of no run yet: whoever sends it sets `run_id` and `model_fingerprint`.
+    /// A new header that belongs to no run yet: the sender sets `run_id` and `model_fingerprint`.
     pub fn new(sequence: u64, name: &str) -> FrameHeader {
         FrameHeader {
             wire_version: WIRE_VERSION,
@@ -222,13 +222,13 @@ impl FrameHeader {
         }
     }
 
-    /// The part of a name that a header holds: its end, which differs from scan to scan.
+    /// The part of a name that fits in a header: its end, which differs from scan to scan.
     pub fn cut(name: &str) -> &str {
         let over = name.len().saturating_sub(NAME_MAX);
         &name[name.ceil_char_boundary(over)..]
     }
 
-    /// Counts and flags what a limit left out; nothing where that is 0.
+    /// Counts and flags what a limit left out; does nothing if `dropped` is 0.
     pub fn count_over(&mut self, limit: Flags, dropped: u32) {
         if dropped > 0 {
             self.flag(limit);
@@ -236,8 +236,8 @@ impl FrameHeader {
         }
     }
 
-    /// Whether its points can be a scan's: 50 and more than a twentieth are finite and in the model's range. Some bytes of a text file read as such, 2 % or so; of a
-    /// scan at least a fifth lies there.
+    /// Whether its points can be a scan: at least 50 of them, and more than a twentieth, are finite and in the model's range. Of a
+    /// text file read as points about 2 % are; of a scan at least a fifth are.
     pub fn is_usable(&self) -> bool {
         let unusable = self.points_dropped.saturating_add(self.points_out_of_range);
         self.points_in.saturating_sub(unusable) > (self.points_in / 20).max(49)
@@ -256,7 +256,7 @@ impl FrameHeader {
         let (expected, found) = (run.run_id, self.run_id);
         let other = ContractError::OtherRun { expected, found };
         require(found == expected, other)?;
-        // While a run changes its model, frames of both count.
+        // While a run changes its model, frames of both models are valid.
         if self.model_fingerprint == 0 || self.model_fingerprint != run.other_model_fingerprint {
             self.check_model(run.model_fingerprint)?;
         }

@@ -1,4 +1,4 @@
-//! What a stage says of itself, for the supervisor.
+//! The heartbeat of a stage, for the supervisor.
 
 use bytemuck::{Contiguous, Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
@@ -8,7 +8,7 @@ use crate::error::{Result, check_version, require};
 use crate::text::words;
 use crate::{ContractError, Disposition, Object, ObjectKind, REASON_MAX, Stage, Text};
 
-/// The state words.
+/// The states of a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Contiguous)]
 #[repr(u32)]
 pub enum HealthState {
@@ -20,27 +20,27 @@ pub enum HealthState {
     Running = 2,
     /// At work with a complaint; the reason says which.
     Degraded = 3,
-    /// Given up; the reason says why.
+    /// It has given up; the reason says why.
     Failed = 4,
-    /// On its way out.
+    /// Ending.
     Stopping = 5,
 }
 
 words!(HealthState: "starting" "waiting_input" "running" "degraded" "failed" "stopping");
 
-/// Unknown objects that a refiner published or suppressed, since its process began. Other stages have zeros, and so has a refiner that does not count.
+/// Unknown objects that a refiner published or suppressed since its process began. Zeros for other stages and for a refiner that does not count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]
 #[cfg_attr(feature = "iceoryx2", type_name("mluc.CandidateCounts"))]
 #[repr(C)]
 pub struct CandidateCounts {
-    /// By [`Disposition`].
+    /// Counts by [`Disposition`].
     pub by_disposition: [u64; Disposition::NAMES.len()],
-    /// With [`Object::UNREFINED`].
+    /// Objects with [`Object::UNREFINED`].
     pub unrefined: u64,
-    /// With [`Object::SPLIT`].
+    /// Objects with [`Object::SPLIT`].
     pub split: u64,
-    /// With [`Object::THINNED`].
+    /// Objects with [`Object::THINNED`].
     pub thinned: u64,
 }
 
@@ -84,7 +84,7 @@ pub struct Health {
     pub stage: u32,
     /// [`HealthState`].
     pub state: u32,
-    /// Process.
+    /// Process id.
     pub pid: u32,
     /// [`crate::RunDescription::run_id`] of the run that the stage takes part in; 0 before it knows one. A heartbeat of
     /// another run says nothing about this one.
@@ -97,31 +97,31 @@ pub struct Health {
     pub frames_dropped: u64,
     /// Messages refused: wrong version, length, index.
     pub messages_refused: u64,
-    /// Time of computing a frame, us: median.
+    /// Median of the time to compute a frame, us.
     pub run_p50_us: u32,
-    /// 99th percentile.
+    /// 99th percentile of the time to compute a frame, us.
     pub run_p99_us: u32,
-    /// Largest.
+    /// Longest time to compute a frame, us.
     pub run_max_us: u32,
     /// Bytes written to shared memory for the last frame (payload only).
     pub bytes_written: u32,
     /// Bytes read from shared memory for the last frame (payload only).
     pub bytes_read: u64,
-    /// Payloads that were found inside a mapped shared segment, when the stage was asked to look.
+    /// Payloads that were found inside a mapped shared segment, if the stage was asked to check.
     pub mappings_verified: u64,
-    /// What became of the candidates; the refiner's alone.
+    /// What happened to the candidates; only the refiner has these counts.
     pub candidates: CandidateCounts,
-    /// Why, UTF-8, NUL-padded.
+    /// The reason of the state, UTF-8, NUL-padded.
     pub reason: [u8; REASON_MAX],
 }
 
 const _: () = assert!(size_of::<Health>() == 184 + REASON_MAX);
 
 impl Health {
-    /// Reason of an ingest that is `stopping` before its input ends; without it the run ends.
+    /// Reason of an ingest that is `stopping` before its input ends; if the reason is empty instead, the run ends.
     pub const ASKED_TO_END: &str = "asked to end";
 
-    /// Checks a heartbeat: version, stage, state, process, and counts and times that can be.
+    /// Checks a heartbeat: version, stage, state, process, and whether counts and times are possible.
     pub fn checked(&self) -> Result<(Stage, HealthState)> {
         check_version(self.wire_version)?;
         let bad = |what, found| ContractError::Value { what, found };
@@ -196,9 +196,9 @@ mod tests {
             object(1, 0, Object::SPLIT | Object::THINNED),
             object(1, 0, Object::UNREFINED),
             object(1, Disposition::TooFewPoints as u32, 0),
-            // A known one.
+            // A known object.
             object(0, 0, Object::SPLIT),
-            // Of another program: no such disposition.
+            // An object of another program: there is no such disposition.
             object(1, 77, Object::SPLIT),
         ];
         let mut counts = CandidateCounts::default();

@@ -1,4 +1,4 @@
-//! The contract: all that crosses the border between two processes, and nothing else.
+//! The contract: all data that passes between two processes, and nothing else.
 //!
 //! Every message is a slice of fixed-layout elements with one [`FrameHeader`]. Lengths in m, angles in rad, times in ns. A consumer trusts nothing that it
 //! reads from shared memory: the `checked` functions turn a wrong version, length, index or enum value into a [`ContractError`], never a panic.
@@ -34,7 +34,7 @@ mod tests {
     use super::*;
     use bytemuck::Zeroable;
 
-    /// Checks a message of so many elements that are sound.
+    /// Checks a message of this many sound elements.
     type Check = fn(&FrameHeader, usize) -> error::Result<()>;
 
     #[test]

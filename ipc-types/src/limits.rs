@@ -1,4 +1,4 @@
-//! The contract's version, and every capacity, once.
+//! The contract's version and all capacities, in one place.
 
 /// Version of everything in this crate; any change of a payload bumps it.
 pub const WIRE_VERSION: u32 = 6;
@@ -27,7 +27,7 @@ pub const NAME_MAX: usize = 48;
 pub const RUN_NAME_MAX: usize = 64;
 /// Bytes of a class's name.
 pub const CLASS_NAME_MAX: usize = 32;
-/// Bytes of what a score means.
+/// Bytes of the text that says what a score means.
 pub const MEANING_MAX: usize = 96;
 /// Bytes of a health reason.
 pub const REASON_MAX: usize = 192;

@@ -15,7 +15,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum ObjectKind {
-    /// Of a class of the model.
+    /// An object of one of the model's classes.
     Known = 0,
     /// Something that the model does not know.
     Unknown = 1,
@@ -29,7 +29,7 @@ pub enum Disposition {
     Published = 0,
     /// A known object covers it; `suppressed_by` says which.
     OverlapsKnown = 1,
-    /// Merged into a better unknown that covers it, or the known reading of such a box; `suppressed_by` says which.
+    /// Merged into a better unknown object that covers it, or the known reading of a box whose unknown reading counts; `suppressed_by` says which.
     OverlapsUnknown = 2,
     /// Too few points to be a thing.
     TooFewPoints = 3,
@@ -48,14 +48,14 @@ pub enum Disposition {
 words!(Disposition: "published" "overlaps_known" "overlaps_unknown" "too_few_points" "oversized" "invalid_box"
     "unconfirmed" "undersized" "low_score");
 
-/// What the track of an object tells.
+/// Data of an object's track.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrackNews {
-    /// Scans since it was seen first; 254: or more.
+    /// Scans since it was first seen; 254 means 254 or more.
     pub age_scans: u32,
-    /// Over the ground, to 0.25 m/s; 63.5: or more. `None`: the sensor's own motion is not known.
+    /// Speed over the ground, to 0.25 m/s; 63.5 means 63.5 m/s or more. `None`: the sensor's own motion is not known.
     pub speed_mps: Option<f32>,
-    /// It is worth an alarm.
+    /// Whether it is worth an alarm.
     pub is_confirmed: bool,
 }
 
@@ -70,22 +70,22 @@ pub struct Object {
     pub disposition: u32,
     /// Index of the object that suppressed this one; [`Object::NONE`] otherwise.
     pub suppressed_by: u32,
-    /// Index into the model's classes: of a known object its class, of an unknown one the class it was mistaken for.
+    /// Index into the model's classes: for a known object its class, for an unknown one the class that it was mistaken for.
     pub class_id: u32,
-    /// Known: objectness x class probability, 0 to 1. Unknown: how surely it is an unknown object; its scale depends
-    /// on the refiner and only orders unknown objects.
+    /// Known: objectness x class probability, 0 to 1. Unknown: confidence that it is an unknown object; its scale depends
+    /// on the refiner, so it only orders unknown objects.
     pub score: f32,
     /// Geometric centre, m.
     pub center_m: [f32; 3],
     /// l, w, h, m.
     pub size_m: [f32; 3],
-    /// Heading, rad; of an unknown object known up to half a turn.
+    /// Heading, rad; for an unknown object it is ambiguous by half a turn.
     pub yaw_rad: f32,
     /// Sum of the squared distances to all prototypes.
     pub eds: f32,
     /// EDS / ((C-1) T^2).
     pub eds_normalised: f32,
-    /// Of its detection: probability of being none of the known, 0 to 1; [`crate::NO_PROBABILITY`] (-1) where the model does not tell it.
+    /// From its detection: probability of belonging to none of the known classes, 0 to 1; [`crate::NO_PROBABILITY`] (-1) if the model gives none.
     pub unknown_probability: f32,
     /// [`GateKind`] of its detection.
     pub gate: u32,
@@ -93,15 +93,15 @@ pub struct Object {
     pub threshold: f32,
     /// First entry in `object_points`.
     pub points_first: u32,
-    /// Entries there.
+    /// Number of its entries in `object_points`.
     pub points_count: u32,
-    /// What is out of the ordinary: bits, [`Object::UNREFINED`], [`Object::SPLIT`], [`Object::THINNED`], [`Object::SMALL`], [`Object::LARGE`],
-    /// [`Object::POST`], [`Object::CONFIRMED`]. Its upper bytes are numbers: [`Object::track`] and [`Object::probability`].
+    /// What is out of the ordinary. Bits: [`Object::UNREFINED`], [`Object::SPLIT`], [`Object::THINNED`], [`Object::SMALL`], [`Object::LARGE`],
+    /// [`Object::POST`], [`Object::CONFIRMED`]. The upper bytes are numbers: [`Object::track`] and [`Object::probability`].
     pub flags: u32,
-    /// The same over the frames in which it was seen (temporal voting); [`Object::NONE`] without.
+    /// The number of its track, the same in all frames in which it was seen (temporal voting); [`Object::NONE`] without a track.
     pub track_id: u32,
-    /// By how much `suppressed_by` covers this one, 0 to 1; 0 without. A known object: share of this one's points in its box, or
-    /// bird's-eye intersection over union where that decided. An unknown one: intersection over the smaller area.
+    /// How much `suppressed_by` covers this object, 0 to 1; 0 without one. If that is a known object: share of this object's points in its
+    /// box, or bird's-eye intersection over union if that decided. If that is an unknown object: intersection over the smaller area.
     pub overlap: f32,
     /// Corners of the footprint in use.
     pub footprint_count: u32,
@@ -114,13 +114,13 @@ const _: () = assert!(size_of::<Object>() == 23 * 4 + FOOTPRINT_MAX * 8);
 impl Object {
     /// No object, no track.
     pub const NONE: u32 = u32::MAX;
-    /// Bit of `flags`: the frame's time or work ended before its turn, or its points are gone: its box is the proposal's.
+    /// Bit of `flags`: the frame's limit of time or work was reached before its turn, or its points are gone. Its box is the proposal's.
     pub const UNREFINED: u32 = 1;
     /// Bit of `flags`: a piece of a cluster larger than any road user, cut to size.
     pub const SPLIT: u32 = 1 << 1;
-    /// Bit of `flags`: more points than one candidate may look at; box and points come from an even share of them.
+    /// Bit of `flags`: it has more points than one candidate may use; box and points come from an even share of them.
     pub const THINNED: u32 = 1 << 2;
-    /// Bit of `flags`: smaller than any road user, so that it is ranked behind those that are not.
+    /// Bit of `flags`: smaller than any road user, so it is ranked behind objects that are not.
     pub const SMALL: u32 = 1 << 3;
     /// Bit of `flags`: larger than any road user, ranked likewise.
     pub const LARGE: u32 = 1 << 4;
@@ -128,7 +128,7 @@ impl Object {
     pub const POST: u32 = 1 << 5;
     /// Bit of `flags`: its track is worth an alarm.
     pub const CONFIRMED: u32 = 1 << 6;
-    /// The bytes of `flags` that are numbers: the bit where each begins, and steps a unit. The byte is one more than the steps.
+    /// The bytes of `flags` that are numbers: the first bit of each, and steps per unit. The byte is one more than the number of steps.
     const AGE_SCANS: (u32, f32) = (8, 1.0);
     const SPEED_MPS: (u32, f32) = (16, 4.0);
     const PROBABILITY: (u32, f32) = (24, 254.0);
@@ -143,8 +143,8 @@ impl Object {
         "confirmed",
     ];
 
-    /// Checks a whole message: version, stamps, count, enums, indices, finite numbers, and of what is published a size above 0
-    /// and a convex outline of three corners or more, counter-clockwise.
+    /// Checks a whole message: version, stamps, count, enums, indices, finite numbers. A published object must also have a size
+    /// above 0 and a convex outline of three corners or more, counter-clockwise.
     pub fn checked<'a>(
         header: &FrameHeader,
         objects: &'a [Object],
@@ -182,7 +182,7 @@ impl Object {
         require(is_sound, ContractError::NotFinite { what, index })
     }
 
-    /// What the disposition promises.
+    /// Checks what the disposition implies.
     fn check_meaning(&self, index: usize, objects: &[Object]) -> Result<()> {
         let unless = |holds, what| require(holds, ContractError::Inconsistent { what, index });
         let suppressor = objects.get(self.suppressed_by as usize);
@@ -203,8 +203,8 @@ impl Object {
         unless(self.has_sound_outline(), "outline of a published object")
     }
 
-    /// Three corners or more, counter-clockwise and without a dent: no corner lies to the right of a side. Tolerated are
-    /// 1 mm and what f32 rounds off far from the sensor.
+    /// Three corners or more, counter-clockwise and convex: no corner lies to the right of a side. The tolerance is 1 mm plus
+    /// the rounding of f32 far from the sensor.
     fn has_sound_outline(&self) -> bool {
         let corners = &self.footprint_m[..self.footprint_count as usize];
         let places = corners.iter().flatten();
@@ -248,8 +248,8 @@ impl Object {
         self.points_first as usize + self.points_count as usize
     }
 
-    /// How likely it is an object of its kind: the share of validation objects with its score, at its range, that were; to 0.4 %.
-    /// `None`: nobody tells it.
+    /// How likely it is an object of its kind: of the validation objects with its score, at its range, the share that were; to 0.4 %.
+    /// `None`: it is not given.
     pub fn probability(&self) -> Option<f32> {
         self.told(Object::PROBABILITY)
     }
@@ -259,7 +259,7 @@ impl Object {
         self.tell(Object::PROBABILITY, probability);
     }
 
-    /// What its track tells; `None` without one.
+    /// The data of its track; `None` without a track.
     pub fn track(&self) -> Option<TrackNews> {
         Some(TrackNews {
             age_scans: self.told(Object::AGE_SCANS)? as u32,
@@ -268,7 +268,7 @@ impl Object {
         })
     }
 
-    /// Sets number and news of its track.
+    /// Sets the number and the data of its track.
     pub fn tell_track(&mut self, track_id: u32, news: TrackNews) {
         self.track_id = track_id;
         self.tell(Object::AGE_SCANS, news.age_scans as f32);
@@ -278,7 +278,7 @@ impl Object {
         self.flags |= [0, Object::CONFIRMED][usize::from(news.is_confirmed)];
     }
 
-    /// The number in the byte of `flags` that begins at a bit; none where the byte is 0.
+    /// The number in the byte of `flags` that begins at a bit; `None` if the byte is 0.
     fn told(&self, (bit, steps): (u32, f32)) -> Option<f32> {
         let byte = self.flags >> bit & 0xff;
         (byte > 0).then(|| (byte - 1) as f32 / steps)
@@ -317,7 +317,7 @@ mod tests {
         object
     }
 
-    /// What is said about an object with one field changed; empty: it passes.
+    /// The error about an object with one field changed; empty: it passes.
     fn said(change: fn(&mut Object)) -> String {
         let mut object = object();
         change(&mut object);
@@ -335,7 +335,7 @@ mod tests {
         assert_eq!(said(|o| o.footprint_count = FOOTPRINT_MAX as u32), "");
         // A corner that is not in use.
         assert_eq!(said(|o| o.footprint_m[4][0] = f32::NAN), "");
-        // What is not published needs no size and no outline.
+        // An object that is not published needs no size and no outline.
         let flat = said(|o| (o.disposition, o.size_m, o.footprint_count) = (5, [0.0; 3], 0));
         assert_eq!(flat, "");
         let changes: [Change; 19] = [
@@ -408,7 +408,7 @@ mod tests {
         ] {
             assert_eq!(said_of(outlined(corners)), "", "{corners:?}");
         }
-        // Of what f32 leaves of a disc, also where its corners fall together.
+        // Outlines of discs, rounded to f32, also if corners coincide.
         for (x_m, radius_m) in [(100.0, 0.01), (9e3, 3.0), (1e30, 1.0), (0.0, 1e37f32)] {
             let disc: [_; FOOTPRINT_MAX] = std::array::from_fn(|k| {
                 let angle = k as f32 * std::f32::consts::TAU / FOOTPRINT_MAX as f32;

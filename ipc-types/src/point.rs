@@ -25,7 +25,7 @@ pub struct Point {
 const _: () = assert!(size_of::<Point>() == 16);
 
 impl Point {
-    /// Checks a points message: version and count. The numbers are not read here: a stage that meets one that is not finite leaves that point out.
+    /// Checks a points message: version and count. It does not read the numbers: a stage leaves out a point that is not finite.
     pub fn checked<'a>(header: &FrameHeader, points: &'a [Point]) -> Result<&'a [Point]> {
         header.checked()?;
         check_length("points", points.len(), POINTS_MAX)?;

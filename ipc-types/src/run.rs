@@ -1,4 +1,4 @@
-//! What holds for all frames of one run of a pipeline.
+//! The data that apply to all frames of one run of a pipeline.
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
@@ -27,9 +27,9 @@ pub struct RunDescription {
     pub run_id: u64,
     /// When the run began: CLOCK_REALTIME, ns since 1970.
     pub started_ns: u64,
-    /// Of the model file; every header of the run carries it.
+    /// Fingerprint of the model file; every header of the run carries it.
     pub model_fingerprint: u64,
-    /// Where the run changes its model: of the next one until it takes over, then of the last one; its frames count too. 0: none.
+    /// If the run changes its model: fingerprint of the next model until it takes over, then of the last one. Its frames are valid too. 0: none.
     pub other_model_fingerprint: u64,
     /// Where the sensor sits on the robot: x, y, z in m, roll, pitch, yaw in rad. A point p of the sensor frame lies at
     /// R p + (x, y, z) in the base frame, R = Rz(yaw) Ry(pitch) Rx(roll). Zeros are the identity.
@@ -38,7 +38,7 @@ pub struct RunDescription {
     pub sensor_height_m: f32,
     /// Boxes below this objectness are not in the detections.
     pub objectness_min: f32,
-    /// [`GateKind`]: what the model's candidate unknowns are told by.
+    /// [`GateKind`]: the gate that decides which boxes of the model are candidate unknowns.
     pub gate: u32,
     /// That gate's threshold, in the gate's own unit; 0 without a gate.
     pub gate_threshold: f32,

@@ -7,7 +7,7 @@ use crate::{
     OBJECTS_MAX, POINTS_MAX, feature_blocks,
 };
 
-/// Settings of one topic. Overflow drops the oldest; one publisher.
+/// Settings of one topic. It has one publisher, and overflow drops the oldest message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Topic {
     /// Last part of the service's name.
@@ -29,11 +29,11 @@ pub struct Topic {
 }
 
 impl Topic {
-    /// Silence after which a consumer speaks of a missing producer.
+    /// Silence after which a consumer reports a missing producer.
     pub const SILENCE_MAX: Duration = Duration::from_secs(1);
 
-    /// Scans: ingest to backbone and refiner, to head and supervisor, which learn here what was sent, and to two consumers.
-    /// Deep enough that the refiner finds the points of a frame whose detections took two periods.
+    /// Scans: ingest to backbone and refiner, to head and supervisor, which learn from them what was sent, and to two consumers.
+    /// The topic is so deep that the refiner finds the points of a frame whose detections took two periods.
     pub const POINTS: Topic = Topic {
         name: "points",
         elements_max: POINTS_MAX,
@@ -44,7 +44,7 @@ impl Topic {
         loans: 2,
         history: 0,
     };
-    /// Feature rows: backbone to head. The producer's model says how large its messages get: `elements_max` is a bound and no pool.
+    /// Feature rows: backbone to head. The producer's model determines the size of its messages: `elements_max` is a bound, not the pool's size.
     pub const FEATURES: Topic = Topic {
         name: "features",
         elements_max: feature_blocks(CELLS_MAX, FEATURE_CHANNELS_MAX, GROUND_NODES_MAX),
@@ -72,7 +72,7 @@ impl Topic {
         subscribers_max: 8,
         ..Topic::DETECTIONS
     };
-    /// Indices into the points: refiner to whoever asks.
+    /// Indices into the points: refiner to any consumer.
     pub const OBJECT_POINTS: Topic = Topic {
         name: "object_points",
         elements_max: OBJECT_POINTS_MAX,
@@ -97,14 +97,14 @@ impl Topic {
         history: 1,
         ..Topic::FEATURES
     };
-    /// What the pipeline is worth at this moment ([`crate::Status`]): supervisor to everybody, latched too.
+    /// The current state of the pipeline ([`crate::Status`]): supervisor to everybody, latched too.
     pub const STATUS: Topic = Topic {
         name: "status",
         element_bytes: size_of::<crate::Status>(),
         ..Topic::RUN
     };
 
-    /// Messages that the producer's memory holds: as many as all consumers can keep at the same time, and the loans.
+    /// Number of messages in the producer's memory: as many as all consumers can keep at the same time, and the loans.
     pub const fn slots(&self) -> usize {
         self.subscribers_max * (self.buffer + self.borrowed) + self.history + self.loans
     }

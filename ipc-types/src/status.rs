@@ -1,4 +1,4 @@
-//! What the pipeline is worth at this moment: whether "no objects" means that nothing is there.
+//! The current state of the pipeline: whether "no objects" means that nothing is there.
 
 use std::f32::consts::TAU;
 
@@ -10,7 +10,7 @@ use crate::error::{Result, check_version, require};
 use crate::text::words;
 use crate::{ContractError, REASON_MAX, Stage, Text};
 
-/// The state words. A missing object means that nothing is there in [`StatusState::Running`] and [`StatusState::Degraded`] alone.
+/// The states. Only in [`StatusState::Running`] and [`StatusState::Degraded`], a missing object means that nothing is there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Contiguous)]
 #[repr(u32)]
 pub enum StatusState {
@@ -24,7 +24,7 @@ pub enum StatusState {
     Blind = 3,
     /// The newest result is older than the budget and a period of the sensor allow.
     Late = 4,
-    /// Results came, and come no more.
+    /// Results came before, but no more results come.
     Stopped = 5,
 }
 
@@ -38,7 +38,7 @@ impl StatusState {
 }
 
 /// The message of the topic `status`. Its one writer is the supervisor, on every change and every half second. The topic
-/// keeps the newest message for late readers. A reader asks [`Status::at`], which tells a supervisor that is gone.
+/// keeps the newest message for late readers. A reader calls [`Status::at`], which detects a supervisor that is gone.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend), type_name("mluc.Status"))]
 #[repr(C)]
@@ -63,18 +63,18 @@ pub struct Status {
     pub frames_dropped: u64,
     /// Of `frames_out`, those that left after their budget.
     pub frames_late: u64,
-    /// Frames that each stage has published in the run, over its restarts. What a stage has not published of those of the
-    /// stage before was dropped there, or is in work.
+    /// Frames that each stage has published in the run, over its restarts. A frame that the stage before has published and the
+    /// stage has not was dropped in the stage, or is in work.
     pub stages_out: [u64; 4],
     /// Of `frames_out`, those for which the stage needed longer than its budget, waiting included.
     pub stages_late: [u64; 4],
     /// Bit n: no returns between n x 10 and (n + 1) x 10 degrees of azimuth, counter-clockwise from +x, where there should be some.
     pub blind_sectors: u64,
-    /// Of the newest scan's points, 0 to 1.
+    /// Share of points that are not finite in the newest scan, 0 to 1.
     pub not_finite_share: f32,
     /// 1: the ground was there in this run and is not found any more; else 0.
     pub is_ground_lost: u32,
-    /// Why, UTF-8, NUL-padded.
+    /// The reason of the state, UTF-8, NUL-padded.
     pub reason: [u8; REASON_MAX],
 }
 
@@ -87,7 +87,7 @@ impl Default for Status {
 }
 
 impl Status {
-    /// No number.
+    /// Means that there is no number.
     pub const NONE: u64 = u64::MAX;
     /// Sectors of azimuth.
     pub const SECTORS: usize = 36;
@@ -129,7 +129,7 @@ impl Status {
         if is_known { age_ns / 1e9 } else { f64::NAN }
     }
 
-    /// Frames that a stage was sent, has published, and was late with.
+    /// Numbers of frames that were sent to a stage, that it has published, and that it was late with.
     pub fn hop(&self, stage: Stage) -> [u64; 3] {
         let number = stage as usize;
         let before = number.checked_sub(1).map(|before| self.stages_out[before]);
@@ -137,7 +137,7 @@ impl Status {
         [sent, self.stages_out[number], self.stages_late[number]]
     }
 
-    /// What it means at a later time: the result is older, and a writer that says nothing any more is no good sign.
+    /// The status at a later time: the result is older, and after a long silence of its writer the state is `stopped`.
     pub fn at(&self, now_ns: u64) -> Status {
         let since_ns = now_ns.saturating_sub(self.judged_ns);
         let mut status = *self;

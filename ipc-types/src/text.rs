@@ -1,13 +1,13 @@
 //! Short text of fixed size, as plain bytes; the words of enums.
 
-/// Gives an enum's values, which count from 0, their words.
+/// Gives names to the values of an enum, which count from 0.
 macro_rules! words {
     ($kind:ident: $($word:literal)+) => {
         impl $kind {
-            /// The words in the JSON lines and the contract, by number.
+            /// The names in the JSON lines and the contract, by number.
             pub const NAMES: [&str; [$($word),+].len()] = [$($word),+];
 
-            /// The word.
+            /// The name in the JSON lines and the contract.
             pub fn name(self) -> &'static str {
                 Self::NAMES[self as usize]
             }
@@ -16,7 +16,7 @@ macro_rules! words {
 }
 pub(crate) use words;
 
-/// UTF-8 padded with NUL. `Text` only reads and writes byte arrays: the payloads hold `[u8; N]`.
+/// UTF-8 padded with NUL. `Text` only reads and writes byte arrays: the payloads contain `[u8; N]`.
 pub struct Text;
 
 impl Text {

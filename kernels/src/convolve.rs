@@ -1,4 +1,4 @@
-//! The forward convolution, cut into blocks of rows; with transposed weights and gather, also the gradient of its input.
+//! The forward convolution in blocks of rows. With transposed weights and gather it also computes the gradient of its input.
 
 use std::ops::Range;
 
@@ -10,14 +10,14 @@ use crate::{
 
 /// `output[o] = epilogue(sum over taps t, channels c of input[gather(o, t)][c] * weights[t][c])`.
 ///
-/// `input`: rows of `weights.cin`. `output`: rows of `weights.cout`. `output_rows`: where output row `o` of the gather
-/// is written, ascending (`None`: at `o`); rows that are not named keep what they hold.
+/// `input`: rows of `weights.cin`. `output`: rows of `weights.cout`. `output_rows`: the row of `output` that gets output row
+/// `o` of the gather, ascending (`None`: row `o`); other rows keep their values.
 ///
-/// Sums of f32 and bf16 are f32; those of bytes are exact, each becomes an f32, is multiplied by its channel's scale,
-/// then the bias is added. The output is rounded to what it holds.
+/// Sums of f32 and bf16 are f32. Sums of bytes are exact integers; each is converted to f32 and multiplied by its channel's
+/// scale, then the bias is added. The output is rounded to its type `O`.
 ///
-/// Runs over rayon's ambient pool; the bits of the result do not depend on the number of threads. Those of bf16 do
-/// depend on the processor: some round twice where others round once. Allocates nothing.
+/// Runs on rayon's current thread pool; the bits of the result do not depend on the number of threads. The bits of bf16
+/// results depend on the processor: some processors round twice where others round once. Allocates nothing.
 ///
 /// # Panics
 /// When lengths or row numbers contradict each other (a broken invariant, not data).
@@ -78,7 +78,7 @@ struct Job<'a, I: Element> {
 }
 
 impl<I: Element> Job<'_, I> {
-    /// Halves the rows, at a multiple of [`BLOCK`], down to one block each. `output` begins at row `first`; the rows that `output_rows` names ascend.
+    /// Splits the rows recursively, at multiples of [`BLOCK`], down to one block each. `output` begins at row `first`; `output_rows` ascend.
     fn range<O: Element>(
         &self,
         rows: Range<usize>,

@@ -1,5 +1,5 @@
-//! What a row may hold: f32; bf16 for half the memory and twice the products a cycle; u8 for a quarter and four times;
-//! i16 for the counts of u8 where the processor multiplies no bytes.
+//! The types of a row's values: f32; bf16 with half the memory and twice the products per cycle; u8 with a quarter of the memory
+//! and four times the products per cycle; i16 with the values of u8, where the processor has no products of bytes.
 
 use crate::simd::Operand;
 
@@ -8,9 +8,9 @@ use crate::simd::Operand;
 #[repr(transparent)]
 pub struct Bf16(pub u16);
 
-/// A value of a row: [`f32`], [`Bf16`], or [`u8`], which counts units that whoever reads it knows, or [`i16`], which holds the same counts.
+/// A value of a row: [`f32`], [`Bf16`], [`u8`] (a multiple of a unit that the caller knows), or [`i16`] (the same values as [`u8`]).
 pub trait Element: Copy + Default + Send + Sync + Operand {
-    /// From a sum in f32.
+    /// Converts a sum in f32 to this type.
     fn from_f32(value: f32) -> Self;
 
     /// The same value as f32.
@@ -30,7 +30,7 @@ impl Element for f32 {
 }
 
 impl Element for Bf16 {
-    /// To the nearest, ties to even; NaN stays NaN, and what is beyond the largest bf16 becomes infinite.
+    /// Rounds to the nearest, ties to even; NaN stays NaN, and a value beyond the largest bf16 becomes infinite.
     #[inline(always)]
     fn from_f32(value: f32) -> Bf16 {
         let bits = value.to_bits();
@@ -46,12 +46,12 @@ impl Element for Bf16 {
 }
 
 impl Element for u8 {
-    /// To the nearest, ties to even; 0 below 0 and for NaN, 255 above 255.
+    /// Rounds to the nearest, ties to even; 0 below 0 and for NaN, 255 above 255.
     #[inline(always)]
     fn from_f32(value: f32) -> u8 {
         let positive = if value > 0.0 { value } else { 0.0 };
         let bounded = if positive < 255.0 { positive } else { 255.0 };
-        // 1.5 * 2^23: from there on the last bits of an f32 count ones.
+        // 1.5 * 2^23: at this size the low bits of an f32 are its integer value.
         (bounded + 12_582_912.0).to_bits() as u8
     }
 
@@ -62,7 +62,7 @@ impl Element for u8 {
 }
 
 impl Element for i16 {
-    /// As [`u8`].
+    /// Rounds as [`u8`] does.
     #[inline(always)]
     fn from_f32(value: f32) -> i16 {
         i16::from(<u8 as Element>::from_f32(value))

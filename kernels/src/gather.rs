@@ -1,4 +1,4 @@
-//! Which input row each tap of each output row reads.
+//! The input row that each tap of each output row reads.
 
 /// No input row: the tap contributes zero (padding, or an empty voxel).
 pub const ABSENT: u32 = u32::MAX;
@@ -18,7 +18,7 @@ impl Gather {
         Gather { taps, index }
     }
 
-    /// Output rows; none without taps.
+    /// Number of output rows; 0 without taps.
     pub fn outputs(&self) -> usize {
         self.index.len().checked_div(self.taps).unwrap_or(0)
     }

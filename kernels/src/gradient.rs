@@ -8,16 +8,16 @@ use crate::{
     weights::{PANEL_MAX, Panel, check, panels},
 };
 
-/// Most partial sums of one call: enough to keep many cores evenly busy, few enough to add up quickly.
+/// Maximum number of partial sums per call: enough to keep many cores evenly busy, few enough to add up quickly.
 const PARTS_MAX: usize = 16;
-/// A part with fewer blocks of rows would spend its time on adding up.
+/// Minimum number of row blocks per part; in a smaller part, adding up the partial sums would take most of the time.
 const PART_BLOCKS_MIN: usize = 4;
 
 /// `gradient[t][i][o] += sum over output rows r of input[gather(r, t)][i] * output_gradient[r][o]`.
 ///
 /// `input`: rows of `cin`; `output_gradient`: rows of `cout`; `gradient`: `taps * cin * cout`.
 ///
-/// Sums are f32. Runs over rayon's ambient pool. The rows are cut into parts by their number alone and the parts are added in order,
+/// Sums are f32. Runs on rayon's current thread pool. The number of rows alone decides the parts, and the parts are added in order,
 /// so the bits of the result do not depend on the number of threads.
 ///
 /// # Panics

@@ -1,9 +1,9 @@
-//! Convolution on plain slices: forward (drives the vehicle) and gradients (train).
+//! Convolution on plain slices: forward (for the vehicle) and gradients (for training).
 //!
-//! One idea carries every layer of the network: **a map is a list of rows** (one row a cell or a voxel, channels contiguous), and a convolution is a
-//! [`Gather`]: for each output row and each tap of the kernel, which input row is read. Dense 3x3, strided, sparse 3-D, 1x1 and transposed 2x2 convolutions
-//! differ in their gather alone. A batch is more rows. A cell that is not computed is a row that is not listed. One shape has a way of its own: a 3x3 layer of
-//! stride 1 in f32 or i16 takes less than half of the products tile by tile ([`convolve_winograd`]).
+//! Every layer of the network has the same form: **a map is a list of rows** (one row per cell or voxel, channels contiguous), and a convolution is a
+//! [`Gather`]: for each output row and each tap of the kernel, it names the input row to read. Dense 3x3, strided, sparse 3-D, 1x1 and transposed 2x2
+//! convolutions differ in their gather alone. A batch has more rows. A cell that is not computed has no row. One shape has its own algorithm: for a
+//! 3x3 layer of stride 1 in f32 or i16, [`convolve_winograd`] computes tiles with less than half of the products.
 
 mod convolve;
 mod element;
@@ -21,7 +21,7 @@ pub use simd::{Level, Tiled, at_best};
 pub use weights::Weights;
 pub use winograd::{WeightsWinograd, WinogradTiles, convolve_winograd, convolve_winograd_at};
 
-/// What happens to a row after its sum.
+/// The operations on a row after its sum.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Epilogue<'a> {
     /// Added to every row; `cout` values.
@@ -31,13 +31,13 @@ pub struct Epilogue<'a> {
 }
 
 impl Epilogue<'_> {
-    /// Panics when a bias is not of so many channels.
+    /// Panics when the bias does not have `cout` values.
     fn check(&self, cout: usize) {
         let fits = self.bias.is_none_or(|bias| bias.len() == cout);
         assert!(fits, "a bias for each of {cout} channels");
     }
 
-    /// What no output is below.
+    /// The lower bound of the output.
     fn floor(&self) -> f32 {
         if self.relu { 0.0 } else { f32::NEG_INFINITY }
     }

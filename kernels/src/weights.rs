@@ -5,7 +5,7 @@ use crate::{
     simd::{Aligned, LINE},
 };
 
-/// Most output channels of one panel: four AVX-512 registers.
+/// Maximum number of output channels per panel: four AVX-512 registers.
 pub(crate) const PANEL_MAX: usize = 64;
 
 /// A run of output channels that one pass of the kernel computes.
@@ -37,12 +37,12 @@ pub(crate) fn panels(cout: usize) -> impl Iterator<Item = Panel> {
     })
 }
 
-/// Weights of one convolution on rows of `I`, packed: panels of up to 64 output channels, each `[tap][row][width]`, 64-byte aligned, channels padded to a
-/// multiple of 16 with zeros. A row holds an input channel in f32, two in bf16, or for rows of u8 four in i8 (of i16: two), of which each output channel has a
-/// scale of its own: its largest weight is 127 of it.
+/// Packed weights of one convolution on rows of `I`: panels of up to 64 output channels, each `[tap][row][width]`, 64-byte aligned, channels padded
+/// with zeros to a multiple of 16. A packed row has one input channel in f32 and two in bf16. For input rows of u8 it has four in i8, for i16 two
+/// in i16; then each output channel has its own scale, and its largest weight is 127 times the scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weights<I: Element = f32> {
-    /// Taps of the kernel; equal to those of the gather.
+    /// Taps of the kernel; equal to the taps of the gather.
     pub taps: usize,
     /// Channels of an input row.
     pub cin: usize,
@@ -53,11 +53,11 @@ pub struct Weights<I: Element = f32> {
 }
 
 impl<I: Element> Weights<I> {
-    /// Packs `[tap][cin][cout]`, rounded to what is packed. For rows of u8, `plain` turns counts of the input's units into
-    /// counts of the output's (f32 output: into values).
+    /// Packs `[tap][cin][cout]`, rounded to the packed type. For rows of u8, `plain` maps multiples of the input's unit to multiples
+    /// of the output's unit (f32 output: to values).
     ///
     /// # Panics
-    /// When `plain` has another length, or sums of u8 could exceed an i32: more than 66,311 inputs of a value (a broken invariant, not data).
+    /// When `plain` has another length, or sums of u8 could exceed an i32: more than 66,311 inputs per output value (a broken invariant, not data).
     pub fn pack(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Weights<I> {
         check(plain, [taps, cin, cout]);
         let weight = |[tap, i, o]: [usize; 3]| plain[(tap * cin + i) * cout + o];
@@ -79,7 +79,7 @@ impl<I: Element> Weights<I> {
         Weights::scaled(shape, scale, weight)
     }
 
-    /// `scale`: what a packed weight of 1 is worth in each output channel.
+    /// `scale`: the value of a packed weight of 1 in each output channel.
     pub(crate) fn scaled(
         [taps, cin, cout]: [usize; 3],
         scale: Vec<f32>,
@@ -106,7 +106,7 @@ impl<I: Element> Weights<I> {
         }
     }
 
-    /// What a packed weight of 1 is worth in each output channel.
+    /// The value of a packed weight of 1 in each output channel.
     pub fn scale(&self) -> &[f32] {
         &self.scale
     }
@@ -118,7 +118,7 @@ impl<I: Element> Weights<I> {
     }
 }
 
-/// Panics when weights are of another shape.
+/// Panics when the weights have another shape.
 pub(crate) fn check(plain: &[f32], [taps, cin, cout]: [usize; 3]) {
     let what = format_args!("weights of {taps} x {cin} x {cout}");
     assert_eq!(plain.len(), taps * cin * cout, "{what}");

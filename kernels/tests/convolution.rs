@@ -1,4 +1,4 @@
-//! Convolution and its gradients against the plain version, in every precision and on every set of registers of this machine.
+//! Compares convolution and its gradients with the plain version, in every precision and on every register set of this machine.
 
 mod common;
 
@@ -29,7 +29,7 @@ impl<I: Input> Case<I> {
     fn random(seed: usize, cin: usize, cout: usize) -> Case<I> {
         let mut random = Random(seed as u64);
         let [outputs, inputs] = [(); 2].map(|()| ROWS[random.below(ROWS.len())]);
-        // Large products are slow in the plain version; few taps show the same there.
+        // Large products are slow in the plain version; few taps are enough to test them.
         let taps = TAPS[random.below(if cin * cout > 4096 { 2 } else { TAPS.len() })];
         let absent_percent = [0, 0, 50, 90, 100][random.below(5)];
         let with_bias = random.below(2) == 0;
@@ -44,7 +44,7 @@ impl<I: Input> Case<I> {
         }
     }
 
-    /// Of all pairs of [`CHANNELS`].
+    /// The cases of all pairs of [`CHANNELS`].
     fn all() -> impl Iterator<Item = Case<I>> {
         let pairs_of = |cin: &usize| CHANNELS.map(|cout| (*cin, cout));
         let pairs = CHANNELS.iter().flat_map(pairs_of).enumerate();
@@ -170,7 +170,7 @@ fn weight_gradient_equals_plain() {
     check::<Bf16>();
 }
 
-/// Without bias and ReLU, in the order of the rows.
+/// The convolution without bias and ReLU, in the order of the rows.
 fn plainly<I: Element>(input: &[I], gather: &Gather, weights: &Weights<I>) -> Vec<f32> {
     let mut output = vec![f32::NAN; gather.outputs() * weights.cout];
     let epilogue = Epilogue::default();
@@ -178,7 +178,7 @@ fn plainly<I: Element>(input: &[I], gather: &Gather, weights: &Weights<I>) -> Ve
     output
 }
 
-/// The loss is `sum of y * dy`; its differences are taken in f64, where they are exact but for rounding.
+/// The loss is `sum of y * dy`; its differences are taken in f64, where they are exact up to rounding.
 #[test]
 fn the_inputs_gradient_equals_finite_differences() {
     let (cin, cout, gather) = (5, 18, common::dense(7, 6));
@@ -231,7 +231,7 @@ fn same_bits_with_any_number_of_threads() {
     }
 }
 
-/// A row's bits depend neither on its place in a block nor on which other rows are computed.
+/// A row's bits depend neither on its position in a block nor on which other rows are computed.
 #[test]
 fn same_bits_for_a_part_of_the_rows() {
     let (cin, cout, taps) = (48, 96, 9);
@@ -250,7 +250,7 @@ fn same_bits_for_a_part_of_the_rows() {
     }
 }
 
-/// Every level has them, even where sums wrap on the way: processors of signed bytes add 128 times the weights.
+/// Every level gives exact sums, even if they wrap on the way: processors with signed bytes add 128 times the weights.
 #[test]
 fn the_largest_sums_of_bytes_are_exact() {
     largest_sums::<u8>();
@@ -308,7 +308,7 @@ fn nothing_to_do_changes_nothing() {
     }
 }
 
-/// A ReLU that swallows NaN would hide a broken model or input.
+/// A ReLU that turns NaN into a number would hide a broken model or input.
 #[test]
 fn not_a_number_stays_visible() {
     let weights = Weights::pack(1, 1, 16, &[1.0; 16]);

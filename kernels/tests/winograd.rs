@@ -1,4 +1,4 @@
-//! Tiles of 2x2 outputs give what the direct convolution gives, of counts exactly, of f32 up to rounding, with the registers of every level.
+//! Tiles of 2x2 outputs equal the direct convolution: exactly for counts, up to rounding for f32, with the registers of every level.
 
 mod common;
 
@@ -8,7 +8,7 @@ use mluc_kernels::{
     convolve_winograd_at,
 };
 
-/// A layer on a map, of which some cells are wanted.
+/// A layer on a map; only some cells are wanted.
 struct Case<I> {
     shape: [usize; 2],
     cin: usize,
@@ -46,7 +46,7 @@ impl<I: Input + Tiled> Case<I> {
         WeightsWinograd::pack(self.cin, self.cout, &self.weights).expect("channels that fit")
     }
 
-    /// The direct result in the wanted cells, 7 in others.
+    /// The direct result in the wanted cells, 7 in the others.
     fn expected(&self, relu: bool) -> Vec<f64> {
         let [rows, columns] = self.shape;
         let gather = common::dense(columns, rows);
@@ -62,7 +62,7 @@ impl<I: Input + Tiled> Case<I> {
         map
     }
 
-    /// On a map of sevens.
+    /// Runs on a map that is filled with 7.
     fn run_at(&self, level: Level, relu: bool) -> Vec<f32> {
         let mut output = self.blank();
         let (input, tiles, weights) = (&self.input, self.tiles(), self.packed());
@@ -132,7 +132,7 @@ fn the_bits_do_not_depend_on_threads_nor_on_which_other_cells_are_wanted() {
     }
 }
 
-/// Rows of cells far from each other: tasks of which one half is empty, strips of more tiles than a task has.
+/// Rows of cells far from each other: tasks with one empty half, and strips with more tiles than a task has.
 #[test]
 fn a_wall_along_a_row_of_an_empty_map_is_computed_wherever_it_lies() {
     let mut case = Case::<f32>::new([24, 260], 16, 16, 0);
@@ -159,7 +159,7 @@ fn tiles_of_the_last_frame_are_forgotten_and_a_bias_may_be_missing() {
     assert_near(&found, &case.expected(false), 1e-5, "no bias");
 }
 
-/// Counts and weights at their largest; and rows of counts out of rounded weights, as the direct kernels give them from bytes.
+/// The largest counts and weights; also rows of counts from rounded weights, which must equal the direct kernels' result on bytes.
 #[test]
 fn the_largest_sums_and_the_rounding_of_counts_are_the_direct_ones() {
     let (cin, cout) = (512, 16);

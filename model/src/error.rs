@@ -1,31 +1,31 @@
-//! What can be wrong with a model.
+//! The errors of a model.
 
 use std::{fmt::Display, path::PathBuf};
 
 pub(crate) type Result<T> = std::result::Result<T, ModelError>;
 
-/// Why a model is refused: which field or tensor, what was expected, what was found.
+/// The reason why a model is refused: the field or tensor, the expected and the found value.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
-    /// What is wrong, and in which file.
+    /// An error and the file in which it is.
     #[error("{0}: {1}")]
     InFile(PathBuf, Box<ModelError>),
-    /// The bytes are no safetensors file with a manifest of this format.
+    /// The bytes are not a safetensors file with a manifest of this format.
     #[error("model file {0}")]
     File(String),
-    /// The manifest is no JSON of the expected fields; says field, line and column.
+    /// The manifest is not JSON with the expected fields; the text names field, line and column.
     #[error("manifest: {0}")]
     Syntax(#[from] serde_json::Error),
-    /// A field of the manifest out of its bounds: `network.grid.voxel_size_m[0]` for instance.
+    /// A field of the manifest is out of its bounds: for instance `network.grid.voxel_size_m[0]`.
     #[error("manifest: {0} must be {1}, found {2}")]
     Field(String, String, String),
-    /// A tensor that is missing or unknown, of another shape or type, or with a value that is out of its bounds.
+    /// A tensor is missing or unknown, has another shape or type, or has a value that is out of its bounds.
     #[error("weights: tensor `{0}` {1}")]
     Tensor(String, String),
-    /// A sensor profile that cannot be read or is out of its bounds.
+    /// A sensor profile cannot be read or is out of its bounds.
     #[error("sensor profile {0}: {1}")]
     Sensor(String, String),
-    /// Reading the file.
+    /// The file cannot be read.
     #[error("model file {0}: {1}")]
     Io(PathBuf, std::io::Error),
 }

@@ -16,11 +16,11 @@ const MANIFEST_KEY: &str = "mluc";
 /// A model that passed every check.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
-    /// What it was trained for.
+    /// What the model was trained for.
     pub manifest: Manifest,
     /// Every tensor of its network.
     pub weights: WeightSet,
-    /// FNV-1a of the file's bytes: tells two models apart.
+    /// FNV-1a of the file's bytes: distinguishes two models.
     pub fingerprint: u64,
 }
 
@@ -46,7 +46,7 @@ impl Model {
     }
 }
 
-/// Metadata and tensors of a safetensors file, whatever they are called; each must hold f32.
+/// Metadata and tensors of a safetensors file, with any names; each tensor must be f32.
 pub fn read_tensors(bytes: &[u8]) -> Result<(HashMap<String, String>, WeightSet)> {
     let damaged = |cause: SafeTensorError| {
         let length = bytes.len();
@@ -69,7 +69,7 @@ pub fn read_tensors(bytes: &[u8]) -> Result<(HashMap<String, String>, WeightSet)
     Ok((header.metadata().clone().unwrap_or_default(), weights))
 }
 
-/// The bytes of a model file; the same model gives the same bytes. Refuses what [`Model::from_bytes`] would refuse.
+/// The bytes of a model file; the same model gives the same bytes. Refuses a model that [`Model::from_bytes`] would refuse.
 pub fn model_bytes(manifest: &Manifest, weights: &WeightSet) -> Result<Vec<u8>> {
     manifest.validate()?;
     weights.check(&manifest.network)?;
@@ -94,7 +94,7 @@ impl View for &Tensor {
     }
 }
 
-/// The format version first: another version's fields would only give a misleading message.
+/// Checks the format version first: an error about another version's fields would mislead.
 fn read_manifest(json: &str) -> Result<Manifest> {
     let loose: serde_json::Value = serde_json::from_str(json)?;
     let (format, expected) = (&loose["format"], Manifest::FORMAT);

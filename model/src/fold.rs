@@ -1,4 +1,4 @@
-//! From the file's layouts to the kernels': `[tap][cin][cout]`, batch norm folded in for inference.
+//! Converts the file's layouts to the kernels' layout, `[tap][cin][cout]`; batch norm is folded in for inference.
 //!
 //! y = gamma (w * x - mean) / sqrt(var + eps) + beta is again a convolution: with weights w gamma / sqrt(var + eps) and
 //! bias beta - mean gamma / sqrt(var + eps).
@@ -6,7 +6,7 @@
 use crate::network::{DenseLayer, Network, SparseLayer, UpLayer};
 use crate::{error::Result, tensors::WeightSet};
 
-/// Added to a variance before its root is taken (public SECOND configurations).
+/// Added to a variance before the square root (public SECOND configurations).
 pub const BATCH_NORM_EPS: f32 = 1e-3;
 
 /// A convolution with its bias, ready to be packed.
@@ -42,7 +42,7 @@ impl Folded {
         normalised(weights, &layer.name, &shape, [taps, cin, layer.cout], at)
     }
 
-    /// A transposed layer with its batch norm: one tap a position (dy, dx) within the output's `factor` x `factor` patch.
+    /// A transposed layer with its batch norm: one tap per position (dy, dx) within the output's `factor` x `factor` patch.
     pub fn up(weights: &WeightSet, layer: &UpLayer) -> Result<Folded> {
         let (taps, cout) = (layer.factor * layer.factor, layer.cout);
         let shape = [layer.cin, cout, layer.factor, layer.factor];
@@ -50,7 +50,7 @@ impl Folded {
         normalised(weights, &layer.name, &shape, [taps, layer.cin, cout], at)
     }
 
-    /// A head: 1x1 with a bias, no batch norm. `name` and `cout` of [`Network::heads`].
+    /// A head: 1x1 with a bias, no batch norm. `name` and `cout`: an entry of [`Network::heads`].
     pub fn head(weights: &WeightSet, network: &Network, name: &str, cout: usize) -> Result<Folded> {
         let cin = network.feature_channels();
         let source = weights.get(&format!("{name}.weight"), &[cout, cin, 1, 1])?;
@@ -59,7 +59,7 @@ impl Folded {
         Ok(Folded::arranged(source, bias, [1, cin, cout], at))
     }
 
-    /// `at(tap, cin, cout)`: where the source holds that element.
+    /// `at(tap, cin, cout)`: index of that element in the source.
     fn arranged(
         source: &[f32],
         bias: Vec<f32>,
@@ -82,7 +82,7 @@ impl Folded {
     }
 }
 
-/// `at(tap, cin, cout)`: where the file holds that element.
+/// `at(tap, cin, cout)`: index of that element in the file's tensor.
 fn normalised(
     weights: &WeightSet,
     name: &str,

@@ -1,11 +1,11 @@
-//! Weights by a formula: the same for everyone, without a file. For tests and for timing a network before it is trained.
+//! Weights from a formula: the same on every machine, without a file. For tests and for timing a network before it is trained.
 
 use mluc_geometry::{FNV_OFFSET, Random, fnv1a};
 
 use crate::network::Network;
 use crate::tensors::{WeightSet, expected_tensors};
 
-/// A number in [0, 1) for element `index` of the tensor `name`: the first of splitmix64 from FNV-1a of the name.
+/// A number in [0, 1) for element `index` of the tensor `name`: the first output of SplitMix64 from the state FNV-1a of the name + `index`.
 pub fn formula_uniform(name: &str, index: usize) -> f64 {
     let state = fnv1a(FNV_OFFSET, name.as_bytes()).wrapping_add(index as u64);
     (Random::from_state(state).bits() >> 40) as f64 / (1u64 << 24) as f64

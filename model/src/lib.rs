@@ -1,7 +1,7 @@
 //! The network as data, and the model file.
 //!
-//! [`Network`] describes every layer; the same description drives the trainer and the vehicle. [`Manifest`] says what a model was trained for. [`Model`] is a
-//! file that passed every check, [`Folded`] its layers in the order that the kernels read. Nothing here computes a network.
+//! [`Network`] describes every layer; the trainer and the vehicle use the same description. [`Manifest`] records what a model was trained for.
+//! [`Model`] is a file that passed every check. [`Folded`] is a layer in the order that the kernels read. Nothing here computes a network.
 
 mod error;
 mod file;

@@ -1,4 +1,4 @@
-//! What a model was trained for, and with what: the model file's metadata.
+//! The model file's metadata: what a model was trained for, and with which data and settings.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ pub struct AnchorClass {
     pub bottom_z_m: f32,
     /// Anchors at or above this bird's-eye overlap are positive.
     pub matched_iou: f32,
-    /// Anchors below it are negative.
+    /// Anchors below this overlap are negative.
     pub unmatched_iou: f32,
 }
 
@@ -24,84 +24,84 @@ pub struct AnchorClass {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Thresholds {
-    /// Anchors below this objectness are no candidates.
+    /// Anchors below this objectness are not candidates.
     pub objectness_min: f32,
-    /// The best so many enter non-maximum suppression.
+    /// Maximum number of candidates that enter non-maximum suppression, best first.
     pub candidates_max: u32,
-    /// Rotated bird's-eye overlap above which the weaker box goes.
+    /// Rotated bird's-eye overlap above which the weaker box is dropped.
     pub nms_iou: f32,
-    /// Boxes kept after suppression.
+    /// Maximum number of boxes kept after suppression.
     pub boxes_max: u32,
     /// A box with normalised EDS below this is a candidate unknown (paper section 3.2; the paper's lambda divided by
-    /// (C-1) T^2). 0: the gate never fires, the closed-set detector.
+    /// (C-1) T^2). 0: the gate never fires, which gives the closed-set detector.
     pub eds_normalised_max: f32,
-    /// A box whose largest class probability is below this is a candidate unknown. 0: none is.
+    /// A box whose largest class probability is below this is a candidate unknown. 0: no box is.
     #[serde(default, skip_serializing_if = "is_default")]
     pub softmax_min: f32,
-    /// Of an open head: a box is a candidate unknown from this probability of being none of the known on; boxes of anchors
-    /// without a class go below it, or below one half. 0: none is.
+    /// For an open head: a box is a candidate unknown if its probability of being none of the known classes is at least this.
+    /// Boxes of class-agnostic anchors are dropped below this, or below one half. 0: no box is a candidate unknown.
     #[serde(default, skip_serializing_if = "is_default")]
     pub unknown_min: f32,
-    /// What the operating profiles publish; absent in a model for which nobody chose it.
+    /// What the operating profiles publish; absent in a model for which it was not chosen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profiles: Option<Profiles>,
-    /// What scores are worth; absent in a model for which nobody measured it.
+    /// The probabilities that belong to scores; absent in a model for which they were not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub probabilities: Option<Probabilities>,
 }
 
-/// Objects below these scores are not published. By default all are.
+/// Objects below these scores are not published. By default all objects are published.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScoreMin {
-    /// Of known objects.
+    /// Minimum score of known objects.
     pub known: f32,
-    /// Of unknown objects, on the scale of the refiner that the model was judged with.
+    /// Minimum score of unknown objects, on the scale of the refiner with which the model was evaluated.
     pub unknown: f32,
-    /// A box that may be known or unknown is published as both: all that the model says.
+    /// Whether a box that may be known or unknown is published as both.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub both_readings: bool,
 }
 
-/// The scores of each operating profile but `all`, which publishes everything.
+/// The minimum scores of each operating profile except `all`, which publishes everything.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Profiles {
-    /// Few false objects.
+    /// The profile with few false objects.
     pub quiet: ScoreMin,
-    /// The default.
+    /// The default profile.
     pub balanced: ScoreMin,
 }
 
 impl Profiles {
-    /// Each with its name.
+    /// Each profile with its name.
     pub fn named(&self) -> [(&'static str, ScoreMin); 2] {
         [("quiet", self.quiet), ("balanced", self.balanced)]
     }
 }
 
-/// How likely an object of a score is one of its kind, by range: the share of the validation objects that lie on a label of their kind.
+/// Probability, by range, that an object with a score is one of its kind: the share of the validation objects that lie on a label of their kind.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Probabilities {
-    /// Of known objects of any class, nearest band first.
+    /// Bands for known objects of any class, nearest band first.
     pub known: Vec<RangeBand>,
-    /// Of unknown objects, on the scale of the refiner that the model was judged with.
+    /// Bands for unknown objects, on the score scale of the refiner with which the model was evaluated.
     pub unknown: Vec<RangeBand>,
 }
 
-/// The scores of a band of ranges.
+/// The scores and probabilities of a band of ranges.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RangeBand {
-    /// Where the band begins, m seen from above; it ends where the next one begins.
+    /// Horizontal distance at which the band begins, m; it ends where the next band begins.
     pub range_min_m: f32,
-    /// Score and probability, both ascending: along a line between two of them, and before and after all as at the end.
+    /// Score and probability, both ascending: interpolated linearly between two steps, constant before the first and after the last.
     pub steps: Vec<[f32; 2]>,
 }
 
 impl Probabilities {
-    /// Of an object in this range from the sensor; `None` where there is no table.
+    /// Probability of an object at this range (m) from the sensor; `None` without a table.
     pub fn of(&self, is_known: bool, range_m: f32, score: f32) -> Option<f32> {
         let bands = [&self.unknown, &self.known][usize::from(is_known)];
         let own = bands.iter().rfind(|band| band.range_min_m <= range_m);
@@ -117,7 +117,7 @@ impl Probabilities {
     }
 }
 
-/// The sensor's beams, for range images; none where it is any.
+/// The sensor's beams, for range images; empty for a model for any sensor.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Beams {
@@ -127,23 +127,23 @@ pub struct Beams {
     pub azimuth_step_rad: f32,
 }
 
-/// Which input a model takes; what lies outside is flagged while it runs.
+/// The input that a model accepts; at run time, input outside these limits is flagged.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Takes {
-    /// Fewest and most beams.
+    /// Minimum and maximum number of beams.
     pub beams: [u32; 2],
-    /// Lowest and highest place of the sensor above the ground, m.
+    /// Minimum and maximum height of the sensor above the ground, m.
     pub height_m: [f32; 2],
-    /// Largest angle between the sensor's axis and the ground's, degrees.
+    /// Maximum angle between the sensor's vertical axis and the ground's normal, degrees.
     pub tilt_max_deg: f32,
-    /// Fewest and most points a scan.
+    /// Minimum and maximum number of points per scan.
     pub points: [u32; 2],
 }
 
 impl Takes {
-    /// Sensors like one: from 0.6 to 1.6 times its beams, 0.5 m lower or higher (more costs most of the recall), tilted by 7 degrees, and a tenth to twice of
-    /// its returns a turn; any number where it names no beams. All but the height are guesses.
+    /// Sensors similar to a given one: 0.6 to 1.6 times its beams, at most 0.5 m lower or higher (more costs most of the recall), at most 7 degrees
+    /// of tilt, and 0.1 to 2 times its returns per turn. A number of 0 gives no limits. All limits but the height's are guesses.
     pub fn like(beams: f32, returns: f32, height_m: f32) -> Takes {
         let range = |value: f32, low: f32, high: f32| {
             if value > 0.0 {
@@ -161,7 +161,7 @@ impl Takes {
     }
 }
 
-/// Where a model comes from.
+/// The origin of a model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
@@ -171,7 +171,7 @@ pub struct Provenance {
     pub seed: u64,
     /// Optimiser steps.
     pub steps: u64,
-    /// Frames a step.
+    /// Frames per step.
     pub batch: u32,
     /// Commit of the trainer, or `unknown`.
     pub commit: String,
@@ -182,7 +182,7 @@ pub struct Provenance {
     /// How the scores of the profiles were chosen; empty in a model without them.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub profile_choice: String,
-    /// How the ranges of int8 were chosen: frames and rule; empty in a model without them.
+    /// How the int8 ranges were chosen: frames and rule; empty in a model without them.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub calibration: String,
 }
@@ -193,32 +193,32 @@ pub struct Provenance {
 pub struct Manifest {
     /// Version of this format: [`Manifest::FORMAT`].
     pub format: u32,
-    /// `kitti`, `udi`, or the user's own.
+    /// Name: `kitti`, `udi`, or the user's own.
     pub name: String,
-    /// Every layer.
+    /// Description of every layer.
     pub network: Network,
-    /// In the order of the embedding's channels; `network.classes` of them.
+    /// Known classes in the order of the embedding's channels; `network.classes` entries.
     pub classes: Vec<AnchorClass>,
-    /// Anchors without a class; `network.generic` of them.
+    /// Class-agnostic anchors; `network.generic` entries.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub generic: Vec<AnchorClass>,
     /// Height of the sensor above the ground, m.
     pub sensor_height_m: f32,
-    /// Whether the network reads intensity; else that channel is 0.
+    /// Whether the network reads intensity; if not, that channel is 0.
     pub uses_intensity: bool,
     /// T: prototype t is T times the t-th unit vector (paper section 3.2).
     pub prototype_scale: f32,
-    /// The largest objectness that the network gives to an empty scene: below `objectness_min`, so that a cell that is
-    /// absent from the feature rows cannot hold a candidate.
+    /// The largest objectness that the network gives to an empty scene. It is below `objectness_min`, so that a cell that is
+    /// absent from the feature rows cannot contain a candidate.
     pub empty_objectness_max: f32,
     /// Settings chosen on validation data.
     pub thresholds: Thresholds,
-    /// The beams trained on.
+    /// The beams that the model was trained on.
     pub beams: Beams,
-    /// Which input it takes; absent: what [`Manifest::takes`] derives.
+    /// The input that the model accepts; if absent, [`Manifest::takes`] derives it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub takes: Option<Takes>,
-    /// Where it comes from.
+    /// The origin of the model.
     pub provenance: Provenance,
 }
 
@@ -231,7 +231,7 @@ impl Manifest {
         self.classes.iter().map(|c| c.name.clone()).collect()
     }
 
-    /// Which input the model takes. Where the file does not say, sensors like the one it was trained on.
+    /// The input that the model accepts. If the file does not define it: sensors similar to the one that the model was trained on.
     pub fn takes(&self) -> Takes {
         if let Some(takes) = &self.takes {
             return takes.clone();

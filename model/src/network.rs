@@ -1,7 +1,7 @@
-//! SECOND's layers as data (paper section 3.1; the sizes are those of the public SECOND configurations).
+//! SECOND's layers as data (paper section 3.1; the sizes come from the public SECOND configurations).
 //!
 //! Weight shapes, row-major: sparse `(out, kz, ky, kx, in)`, dense `(out, in, 3, 3)`, up `(in, out, k, k)`, head
-//! `(out, in, 1, 1)` with a bias. Every convolution but the head's is free of bias and followed by batch norm
+//! `(out, in, 1, 1)` with a bias. Every convolution but the head's has no bias and is followed by batch norm
 //! (`NAME.bn.weight|bias|running_mean|running_var`, eps 1e-3) and ReLU.
 
 use serde::{Deserialize, Serialize};
@@ -16,20 +16,20 @@ pub struct Grid {
     pub range_max_m: [f32; 3],
     /// Voxel edges, m.
     pub voxel_size_m: [f32; 3],
-    /// Later points of a full voxel are not averaged.
+    /// Maximum number of averaged points per voxel; later points are not averaged.
     pub points_per_voxel_max: u32,
-    /// Points that would open a further voxel are left out, counted and flagged.
+    /// Maximum number of voxels. Points that would open a further voxel are left out, counted and flagged.
     pub voxels_max: u32,
 }
 
 impl Grid {
-    /// Voxels along x, y, z.
+    /// Number of voxels along x, y, z.
     pub fn cells(&self) -> [usize; 3] {
         [0, 1, 2].map(|i| {
             ((self.range_max_m[i] - self.range_min_m[i]) / self.voxel_size_m[i]).round() as usize
         })
     }
-    /// The same voxels within other x and y, m.
+    /// The same voxel size with another range in x and y, m.
     pub fn within(mut self, x_m: [f32; 2], y_m: [f32; 2]) -> Grid {
         for (axis, [low, high]) in [x_m, y_m].into_iter().enumerate() {
             (self.range_min_m[axis], self.range_max_m[axis]) = (low, high);
@@ -43,15 +43,15 @@ impl Grid {
     }
 }
 
-/// What a voxel tells the network.
+/// The input values of a voxel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum VoxelInput {
     /// Mean x, y, z in the sensor frame, m, and intensity (the public SECOND).
     #[default]
     Absolute,
-    /// Where in the voxel its points lie: mean x and y from its centre, in voxels; mean height above the local ground, m; 0. The
-    /// grid's z is the height above the ground too. So nothing depends on how a sensor is mounted, on range or on intensity.
+    /// Position of the points in the voxel: mean x and y from its centre, in voxels; mean height above the local ground, m; 0.
+    /// The grid's z is also the height above the ground. So nothing depends on the sensor's mounting, on range or on intensity.
     Local,
 }
 
@@ -59,18 +59,18 @@ pub enum VoxelInput {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SparseLayer {
-    /// `backbone3d.conv2.0`, for instance.
+    /// Name, for instance `backbone3d.conv2.0`.
     pub name: String,
-    /// Output sites = input sites; else a site exists where any input lies in its window.
+    /// Whether the output sites equal the input sites; if not, a site exists where any input lies in its window.
     pub submanifold: bool,
-    /// Of a strided layer: a site exists only at floor(site / stride) of an input inside the output's grid (as in the Minkowski Engine).
+    /// For a strided layer: a site exists only at floor(site / stride) of an input, inside the output's grid (as in the Minkowski Engine).
     #[serde(default, skip_serializing_if = "is_default")]
     pub floor: bool,
-    /// Taps.
+    /// Taps along each axis.
     pub kernel: [usize; 3],
-    /// 1 for submanifold.
+    /// Stride; 1 for a submanifold layer.
     pub stride: [usize; 3],
-    /// kernel / 2 for submanifold.
+    /// Padding; kernel / 2 for a submanifold layer.
     pub padding: [usize; 3],
     /// Input channels.
     pub cin: usize,
@@ -79,11 +79,11 @@ pub struct SparseLayer {
 }
 
 impl SparseLayer {
-    /// Taps of the kernel.
+    /// Number of taps of the kernel.
     pub fn taps(&self) -> usize {
         self.kernel.iter().product()
     }
-    /// Shape after this layer.
+    /// Shape (z, y, x) after this layer.
     pub fn output_shape(&self, input: [usize; 3]) -> [usize; 3] {
         [0, 1, 2].map(|i| {
             (input[i] + 2 * self.padding[i]).saturating_sub(self.kernel[i]) / self.stride[i] + 1
@@ -95,9 +95,9 @@ impl SparseLayer {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DenseLayer {
-    /// `backbone2d.block1.0`, for instance.
+    /// Name, for instance `backbone2d.block1.0`.
     pub name: String,
-    /// 1 or 2.
+    /// Stride: 1 or 2.
     pub stride: usize,
     /// Input channels.
     pub cin: usize,
@@ -109,9 +109,9 @@ pub struct DenseLayer {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct UpLayer {
-    /// `backbone2d.up1` or `backbone2d.up2`.
+    /// Name: `backbone2d.up1` or `backbone2d.up2`.
     pub name: String,
-    /// 1 or 2.
+    /// Factor: 1 or 2.
     pub factor: usize,
     /// Input channels.
     pub cin: usize,
@@ -119,23 +119,23 @@ pub struct UpLayer {
     pub cout: usize,
 }
 
-/// What the 1x1 convolutions on a feature row say. Tensors by kind: [`Network::heads`].
+/// The outputs of the 1x1 convolutions on a feature row. [`Network::heads`] lists the tensors of each kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum HeadKind {
-    /// Objectness of each anchor and one embedding a cell, compared with prototypes (paper section 3.2).
+    /// Objectness of each anchor and one embedding per cell, compared with prototypes (paper section 3.2).
     #[default]
     Metric,
-    /// Objectness of each anchor and the logits of a softmax over the classes, once a cell.
+    /// Objectness of each anchor and, once per cell, the logits of a softmax over the classes.
     Softmax,
-    /// A logit for each anchor and class, as in the public SECOND: nothing is ever unknown.
+    /// A logit for each anchor and class, as in the public SECOND: no object is ever unknown.
     Sigmoid,
-    /// `Metric`, anchors without a class, and a logit a cell of being none of the known: an extension of the paper.
+    /// `Metric`, class-agnostic anchors, and per cell a logit of being none of the known classes: an extension of the paper.
     Open,
 }
 
 impl HeadKind {
-    /// T where the kind settles it: 2 T f is then f itself, the logits.
+    /// T if the kind fixes it: then 2 T f equals f, the logits.
     pub fn prototype_scale(self) -> Option<f32> {
         matches!(self, HeadKind::Softmax | HeadKind::Sigmoid).then_some(0.5)
     }
@@ -149,39 +149,39 @@ pub(crate) fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Network {
-    /// `second` or `compact`.
+    /// Architecture: `second` or `compact`.
     pub profile: String,
     /// Input grid.
     pub grid: Grid,
-    /// What a voxel tells.
+    /// The input values of a voxel.
     #[serde(default, skip_serializing_if = "is_default")]
     pub input: VoxelInput,
-    /// In order.
+    /// The sparse layers, in order.
     pub sparse: Vec<SparseLayer>,
-    /// Bird's-eye map at full size.
+    /// Layers on the bird's-eye map at full size.
     pub block1: Vec<DenseLayer>,
-    /// At half size (its first layer has stride 2).
+    /// Layers at half size (the first layer has stride 2).
     pub block2: Vec<DenseLayer>,
-    /// Of block1's output.
+    /// Layer on block1's output.
     pub up1: UpLayer,
-    /// Of block2's output.
+    /// Layer on block2's output.
     pub up2: UpLayer,
     /// Known classes C: the embedding has C channels.
     pub classes: usize,
-    /// What the heads say; left out of a file where it is the paper's.
+    /// Kind of the heads; a file omits it for the paper's kind.
     #[serde(default, skip_serializing_if = "is_default")]
     pub head: HeadKind,
-    /// Sizes of anchors without a class, which only [`HeadKind::Open`] has.
+    /// Number of sizes of class-agnostic anchors; only [`HeadKind::Open`] has any.
     #[serde(default, skip_serializing_if = "is_default")]
     pub generic: usize,
-    /// The first so many bird's-eye layers also compute the cells around those that the layer before computed; the others
-    /// compute the same cells, and the rest is the empty scene's. `None`: all do, as a dense network.
+    /// Number of first bird's-eye layers that also compute the cells around the cells of the layer before; the other layers compute the
+    /// same cells as the layer before. The remaining cells have the values of the empty scene. `None`: all layers, as in a dense network.
     #[serde(default, skip_serializing_if = "is_default")]
     pub halo_layers: Option<usize>,
 }
 
 impl Network {
-    /// Shape (z, y, x) after every sparse layer, the input's first.
+    /// Shapes (z, y, x): of the input, then after every sparse layer.
     pub fn sparse_shapes(&self) -> Vec<[usize; 3]> {
         let mut shapes = vec![self.grid.sparse_shape()];
         for layer in &self.sparse {
@@ -189,8 +189,8 @@ impl Network {
         }
         shapes
     }
-    /// Most sites before the first sparse layer and after each: a strided layer turns a site into at most so many as the windows that hold it (one with
-    /// `floor`), and no level has more than its grid.
+    /// Maximum number of sites before the first sparse layer and after each layer. A strided layer turns a site into at most one site per window that
+    /// contains it (into one with `floor`), and no level has more sites than its grid has cells.
     pub fn sites_max(&self) -> Vec<usize> {
         let shapes = self.sparse_shapes();
         let cells = |shape: &[usize; 3]| shape.iter().product::<usize>();
@@ -212,28 +212,28 @@ impl Network {
         let [_, y, x] = shapes[shapes.len() - 1];
         [y, x]
     }
-    /// Heights of the ground that go with a frame's feature rows: none where boxes are not measured from it.
+    /// Number of ground heights that accompany a frame's feature rows: 0 if boxes are not measured from the ground.
     pub fn ground_nodes(&self) -> usize {
         match self.input {
             VoxelInput::Absolute => 0,
             VoxelInput::Local => mluc_geometry::ground::GROUND_NODES,
         }
     }
-    /// Channels of the bird's-eye map: c * depth + z.
+    /// Number of channels of the bird's-eye map; the channel of c and z is c * depth + z.
     pub fn map_channels(&self) -> usize {
         let shapes = self.sparse_shapes();
         self.sparse.last().map_or(0, |layer| layer.cout) * shapes[shapes.len() - 1][0]
     }
-    /// Channels of a feature row: both ups.
+    /// Number of channels of a feature row: both up layers.
     pub fn feature_channels(&self) -> usize {
         self.up1.cout + self.up2.cout
     }
-    /// Anchors of a cell: two rotations a class and then a size without a class, order (class, rotation).
+    /// Number of anchors per cell: two rotations per class, then per class-agnostic size, order (class, rotation).
     pub fn anchors(&self) -> usize {
         2 * (self.classes + self.generic)
     }
-    /// Name and output channels of the heads: what makes an anchor a candidate first, then what is said of the cell,
-    /// then 7 box codes and 2 direction bins an anchor. The class head's channels are (anchor, class).
+    /// Name and output channels of the heads. The first head decides whether an anchor is a candidate; then come the cell's embedding,
+    /// 7 box codes and 2 direction bins per anchor, and the open head's unknown logit. The class head's channels are (anchor, class).
     pub fn heads(&self) -> Vec<(&'static str, usize)> {
         let (anchors, classes) = (self.anchors(), self.classes);
         let mut heads = match self.head {
@@ -248,7 +248,7 @@ impl Network {
     }
 }
 
-/// Name and output channels of every layer that has a range, in the order of computation.
+/// Name and output channels of every layer that has an int8 range, in the order of computation.
 pub fn calibrated_layers(network: &Network) -> Vec<(String, usize)> {
     let sparse = network.sparse.iter();
     let sparse = sparse.map(|layer| (layer.name.clone(), layer.cout));

@@ -1,4 +1,4 @@
-//! The two profiles: `second` (the paper's) and `compact` (for a few CPU cores), as `profiles.json` lists their layers.
+//! The two architectures: `second` (the paper's) and `compact` (for a few CPU cores); `profiles.json` lists their layers.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use crate::network::{Grid, Network};
 
-/// By name; the networks there stand on KITTI's grids, with its three classes.
+/// Grids and networks by name; the networks of the file have KITTI's grids and its three classes.
 #[derive(Deserialize)]
 struct Tables {
     grids: BTreeMap<String, Grid>,
@@ -33,7 +33,7 @@ impl Grid {
     pub fn udi() -> Grid {
         Grid::named("udi")
     }
-    /// All around, for any sensor: z is the height above the ground.
+    /// A grid all around, for any sensor: z is the height above the ground.
     pub fn any() -> Grid {
         Grid::named("any")
     }
@@ -54,8 +54,8 @@ impl Network {
         Network::named("second", grid, classes)
     }
 
-    /// A tenth of `second`: 0.4 m cells, 128 feature channels. A grid of 8 m height gets one more flattening layer, so
-    /// that z ends at 2. A cell sees 5 m to each side: enough for a car, see [`Network::with_reach_of_trucks`].
+    /// A tenth of `second`: 0.4 m cells, 128 feature channels. A grid of 8 m height gets one more flattening layer, so that z
+    /// ends at 2. A cell's receptive field is 5 m to each side: enough for a car, see [`Network::with_reach_of_trucks`].
     pub fn compact(grid: Grid, classes: usize) -> Network {
         let mut network = Network::named("compact", grid, classes);
         if network.grid.sparse_shape()[0] <= 21 {
@@ -64,8 +64,8 @@ impl Network {
         network
     }
 
-    /// Two more layers in `block2`, where every layer widens what a cell sees by 0.8 m to each side: 6.65 m, so that the
-    /// cell in the middle of a truck (up to 13.5 m long) sees both of its ends. Costs a sixth of `compact`'s time.
+    /// Adds two layers to `block2`, where every layer widens a cell's receptive field by 0.8 m to each side: to 6.65 m, so that
+    /// the cell in the middle of a truck (up to 13.5 m long) sees both of its ends. Costs a sixth of `compact`'s time.
     pub fn with_reach_of_trucks(mut self) -> Network {
         let Some(last) = self.block2.last().cloned() else {
             return self;

@@ -1,4 +1,4 @@
-//! What a LiDAR is: its beams, its range and how it is mounted. Data: `sensors/*.toml` describes real products, users add their own.
+//! The description of a LiDAR: its beams, its range and its mounting. `sensors/*.toml` describes real products; users add their own.
 
 use std::path::Path;
 
@@ -6,27 +6,27 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::ModelError;
 
-/// One of several equal sensors whose scans are merged: where it sits in the frame of the scan. Turned about x (roll), then y (pitch), then z (yaw).
+/// Pose, in the frame of the scan, of one of several equal sensors whose scans are merged: rotated about x (roll), then y (pitch), then z (yaw).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SensorUnit {
-    /// x, y, z, m.
+    /// Position x, y, z, m.
     pub at_m: [f32; 3],
-    /// About z, degrees.
+    /// Rotation about z, degrees.
     pub yaw_deg: f32,
-    /// About y, degrees: positive looks down.
+    /// Rotation about y, degrees: positive looks down.
     pub pitch_deg: f32,
-    /// About x, degrees.
+    /// Rotation about x, degrees.
     pub roll_deg: f32,
 }
 
-/// What the robot's own body hides: nothing comes back from there, or the driver leaves it out.
+/// A sector that the robot's own body hides: it has no returns, or the driver leaves them out.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BlindSector {
     /// Middle and width, degrees, counter-clockwise from ahead.
     pub azimuth_deg: [f32; 2],
-    /// Its highest elevation, degrees; all of them where absent.
+    /// Highest hidden elevation, degrees; if absent, all elevations are hidden.
     #[serde(default = "up_to_the_zenith")]
     pub below_deg: f32,
 }
@@ -36,7 +36,7 @@ fn up_to_the_zenith() -> f32 {
 }
 
 impl BlindSector {
-    /// Whether a direction lies in it.
+    /// Whether a direction lies in the sector.
     pub fn hides(&self, azimuth_deg: f32, elevation_deg: f32) -> bool {
         let [middle_deg, width_deg] = self.azimuth_deg;
         let is_within = degrees_off(azimuth_deg, middle_deg) <= width_deg / 2.0;
@@ -44,18 +44,18 @@ impl BlindSector {
     }
 }
 
-/// Between two directions, 0 to 180 degrees.
+/// The angle between two directions, 0 to 180 degrees.
 pub fn degrees_off(a_deg: f32, b_deg: f32) -> f32 {
     ((a_deg - b_deg + 540.0).rem_euclid(360.0) - 180.0).abs()
 }
 
-/// Lines that wave up and down while they are swept: mirrors of a raster, prisms of a rosette.
+/// Scan lines that move up and down during a sweep: mirrors of a raster, prisms of a rosette.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Wave {
-    /// Above and below a line's elevation, degrees.
+    /// Amplitude above and below a line's elevation, degrees.
     pub height_deg: f32,
-    /// Waves of a full turn; each line begins them by itself.
+    /// Number of waves per full turn; each line has its own phase.
     pub a_turn: f32,
 }
 
@@ -69,34 +69,34 @@ pub struct SensorProfile {
     pub source: String,
     /// Elevation of each beam from the top down, degrees.
     pub elevations_deg: Vec<f32>,
-    /// Azimuth of each beam against the column's, degrees; empty: none differs.
+    /// Azimuth of each beam relative to its column, degrees; empty: all 0.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub azimuth_offsets_deg: Vec<f32>,
-    /// Where each beam begins, above the sensor's origin, m; empty: all there.
+    /// Height at which each beam begins, above the sensor's origin, m; empty: all 0.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub origin_heights_m: Vec<f32>,
-    /// Between columns, degrees.
+    /// Azimuth step between columns, degrees.
     pub azimuth_step_deg: f32,
-    /// Middle and width of the horizontal field, degrees, counter-clockwise from ahead; a full turn where absent.
+    /// Middle and width of the horizontal field, degrees, counter-clockwise from ahead; a full turn if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub field_deg: Option<[f32; 2]>,
     /// Shortest and longest range that is reported, m.
     pub range_m: [f32; 2],
     /// Standard deviation of a range, m.
     pub range_noise_m: f32,
-    /// Above the ground, m; unknown where absent.
+    /// Height above the ground, m; unknown if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub height_m: Option<f32>,
-    /// Positive looks down, degrees.
+    /// Pitch, degrees; positive looks down.
     #[serde(default)]
     pub pitch_deg: f32,
-    /// Positive sinks to the right, degrees.
+    /// Roll, degrees; positive lowers the right side.
     #[serde(default)]
     pub roll_deg: f32,
-    /// Of a raster or a rosette; straight lines where absent.
+    /// Wave of a raster's or a rosette's lines; straight lines if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wave: Option<Wave>,
-    /// What the robot's own body hides.
+    /// Sectors that the robot's own body hides.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub blind: Vec<BlindSector>,
     /// Several equal sensors whose scans are merged into one; empty: one at the origin.
@@ -127,7 +127,7 @@ impl SensorProfile {
         SensorProfile::parse(&text, name_or_file)
     }
 
-    /// From TOML; `place` names it in errors.
+    /// Parses TOML; `place` is its name in errors.
     pub fn parse(text: &str, place: &str) -> Result<SensorProfile, ModelError> {
         let profile: SensorProfile =
             toml::from_str(text).map_err(|cause| ModelError::sensor(place, cause.to_string()))?;
@@ -144,14 +144,14 @@ impl SensorProfile {
         [top + high_deg, bottom - high_deg]
     }
 
-    /// Whether the own body hides what stands there.
+    /// Whether the robot's own body hides an object at this azimuth.
     pub fn hides(&self, azimuth_deg: f32) -> bool {
         self.blind
             .iter()
             .any(|sector| sector.hides(azimuth_deg, 0.0))
     }
 
-    /// Every number in its range; else the field, what is expected and what was found.
+    /// Checks that every number is in its range; the error names the field, the expected range and the found value.
     fn check(&self) -> Result<(), String> {
         let beams = self.elevations_deg.len();
         let within = |field: &str, value: f32, low: f32, high: f32| {

@@ -5,23 +5,23 @@ use std::collections::BTreeMap;
 use crate::error::{ModelError, Result};
 use crate::network::{Network, calibrated_layers};
 
-/// Tensors of this prefix belong to a baseline of the laboratory, which stands on the network: no robot reads them.
+/// Tensors with this prefix belong to a baseline of the laboratory that is built on the network; no robot reads them.
 pub const BASELINE: &str = "baseline.";
 
-/// The judge of clusters, which a refiner reads where a model has one: dense layers on measurements of a cluster, ReLU between
-/// them, a logit of being something that drives or walks at the end. Layer after layer: `[in][out]`, then a bias of `[out]`.
+/// The cluster scorer, which a refiner reads if a model has one: dense layers on measurements of a cluster, ReLU between them; the
+/// output is the logit that the cluster drives or walks. Layer after layer: `[in][out]`, then a bias of `[out]`.
 pub const CLUSTER_SCORER: &str = "clusters.looks";
-/// Widths of its layers, the input's first.
+/// Widths of the cluster scorer's layers, starting with the input.
 pub const CLUSTER_SCORER_WIDTHS: [usize; 4] = [14, 32, 16, 1];
-/// Values of [`CLUSTER_SCORER`].
+/// Number of values of [`CLUSTER_SCORER`].
 pub const CLUSTER_SCORER_VALUES: usize = {
     let [a, b, c, d] = CLUSTER_SCORER_WIDTHS;
     (a + 1) * b + (b + 1) * c + (c + 1) * d
 };
 
-/// How the names of the ranges of layers begin: what int8 needs to know of a model, how large the values between its layers get. Optional, all or none:
-/// `calibration.LAYER` for the output of each sparse layer and of each layer of both blocks, one value a channel. A byte of 255 stands for that value and 0 for
-/// 0 (all of these outputs have passed a ReLU); larger values are cut. `mluc-lab quantize` writes them.
+/// Prefix of the names of layer ranges, which int8 needs: how large the values between the layers get. Optional, all or none: `calibration.LAYER` for
+/// the output of each sparse layer and of each layer of both blocks, one value per channel. A byte of 255 stands for that value and 0 for 0 (all of
+/// these outputs have passed a ReLU); larger values are clipped. `mluc-lab quantize` writes them.
 const CALIBRATION: &str = "calibration.";
 
 /// Name of the tensor of a layer's range.
@@ -34,7 +34,7 @@ pub fn calibration_tensor(layer: &str) -> String {
 pub struct Tensor {
     /// As documented at [`Network`]'s module: sparse `(out, kz, ky, kx, in)`, dense `(out, in, 3, 3)`, and so on.
     pub shape: Vec<usize>,
-    /// As many as the shape's product.
+    /// Values; their number is the product of the shape.
     pub data: Vec<f32>,
 }
 
@@ -45,7 +45,7 @@ pub struct WeightSet {
 }
 
 impl WeightSet {
-    /// None yet.
+    /// A set without tensors.
     pub fn new() -> WeightSet {
         WeightSet::default()
     }
@@ -55,17 +55,17 @@ impl WeightSet {
         self.tensors.insert(name.into(), Tensor { shape, data });
     }
 
-    /// By name, where it is there.
+    /// The tensor of this name, if it exists.
     pub fn find(&self, name: &str) -> Option<&Tensor> {
         self.tensors.get(name)
     }
 
-    /// By name in order to be changed.
+    /// The tensor of this name, to be changed.
     pub fn find_mut(&mut self, name: &str) -> Option<&mut Tensor> {
         self.tensors.get_mut(name)
     }
 
-    /// The values of a tensor that must have `shape`.
+    /// The values of a tensor that must have `shape`; an error if it is missing or has another shape.
     pub fn get(&self, name: &str, shape: &[usize]) -> Result<&[f32]> {
         let Some(tensor) = self.tensors.get(name) else {
             let cause = format!("of shape {shape:?} is missing");
@@ -83,23 +83,23 @@ impl WeightSet {
         Ok(&tensor.data)
     }
 
-    /// In the order of their names.
+    /// All tensors in the order of their names.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Tensor)> {
         let tensors = self.tensors.iter();
         tensors.map(|(name, tensor)| (name.as_str(), tensor))
     }
 
-    /// Takes a tensor out.
+    /// Removes a tensor and returns it.
     pub fn remove(&mut self, name: &str) -> Option<Tensor> {
         self.tensors.remove(name)
     }
 
-    /// Whether there is a calibration: a checked set has all of its tensors then.
+    /// Whether the set has a calibration; if so, a checked set has all of its tensors.
     pub fn is_calibrated(&self) -> bool {
         self.iter().any(|(name, _)| name.starts_with(CALIBRATION))
     }
 
-    /// The values that a byte of 255 stands for, one an output channel of a layer.
+    /// The values that a byte of 255 stands for, one per output channel of a layer.
     pub fn range(&self, layer: &str, channels: usize) -> Result<&[f32]> {
         self.get(&calibration_tensor(layer), &[channels])
     }
@@ -109,15 +109,15 @@ impl WeightSet {
         self.insert(calibration_tensor(layer), vec![range.len()], range);
     }
 
-    /// Takes the calibration out, after the weights have changed.
+    /// Removes the calibration, which is invalid after the weights have changed.
     pub fn remove_calibration(&mut self, network: &Network) {
         for (layer, _) in calibrated_layers(network) {
             self.remove(&calibration_tensor(&layer));
         }
     }
 
-    /// Refuses a set with a tensor missing, extra, of another shape, or with a value that is no number (a variance: or below 0), and a calibration that is not
-    /// whole. [`CLUSTER_SCORER`] may be there or not; tensors of [`BASELINE`] are kept as they are if they are numbers.
+    /// Refuses a set with a tensor that is missing, unknown or of another shape, with a value that is not finite, a negative variance, a range that
+    /// is not positive, or an incomplete calibration. [`CLUSTER_SCORER`] is optional; tensors of [`BASELINE`] only have to be finite.
     pub fn check(&self, network: &Network) -> Result<()> {
         let mut expected: BTreeMap<_, _> = expected_tensors(network).into_iter().collect();
         if self.find(CLUSTER_SCORER).is_some() {

@@ -1,22 +1,22 @@
-//! A manifest before training: anchors and thresholds of the public SECOND configurations, as `untrained.json` lists them.
+//! A manifest before training: anchors and thresholds of the public SECOND configurations, listed in `untrained.json`.
 
 use serde::Deserialize;
 
 use crate::manifest::{AnchorClass, Beams, Manifest, Provenance, Thresholds};
 use crate::network::Network;
 
-/// Height of KITTI's sensor above the ground, m: the boxes stand there.
+/// Height of KITTI's sensor above the ground, m, on which the boxes stand.
 const SENSOR_HEIGHT_M: f32 = 1.73;
 
 #[derive(Deserialize)]
 struct Tables {
-    /// KITTI's known classes are the first three, UDI's all.
+    /// Anchors of the known classes: KITTI's are the first three, UDI's are all.
     anchors: Vec<AnchorClass>,
-    /// Of a class that is none of these, with a size that the trainer must measure.
+    /// Anchor of any other class; the trainer must measure its size.
     other: AnchorClass,
-    /// Without a class: from a person to a lorry, a guess that covers what moves on a road.
+    /// Class-agnostic anchors, from a person to a lorry: a guess that covers the objects that move on a road.
     generic: Vec<AnchorClass>,
-    /// The gate never fires.
+    /// Thresholds with which the gate never fires.
     thresholds: Thresholds,
 }
 
@@ -25,7 +25,7 @@ fn tables() -> Tables {
 }
 
 impl AnchorClass {
-    /// The anchor of a class; where the class is none of the usual ones, with a size that the trainer must measure.
+    /// The anchor of a class. For a class that is not in the table, the trainer must measure the size.
     pub fn named(name: &str) -> AnchorClass {
         let Tables { anchors, other, .. } = tables();
         let known = anchors.into_iter().find(|anchor| anchor.name == name);
@@ -35,10 +35,10 @@ impl AnchorClass {
 }
 
 impl Manifest {
-    /// How many sizes of anchors without a class there are.
+    /// Number of sizes of class-agnostic anchors.
     pub const GENERIC_ANCHORS: usize = 4;
 
-    /// For a network of at most four classes; the trainer replaces what it learns. The gate never fires.
+    /// A manifest for a network of at most four classes; the trainer replaces the values that it learns. The gate never fires.
     pub fn untrained(name: &str, network: Network) -> Manifest {
         let mut tables = tables();
         tables.anchors.truncate(network.classes);

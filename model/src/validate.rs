@@ -1,4 +1,4 @@
-//! Bounds of every field of a manifest: a file from anywhere must not make a stage allocate without limit, index out of range or compute nonsense.
+//! Bounds of every field of a manifest: no file may make a stage allocate without limit, index out of range or compute meaningless values.
 
 use std::fmt::Display;
 
@@ -6,7 +6,7 @@ use crate::error::{ModelError, Result};
 use crate::manifest::{AnchorClass, Beams, Manifest, Profiles, RangeBand, Takes, Thresholds};
 use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer};
 
-/// Cells of the grid and of each sparse layer's output, rows along x in whole words of 64: bounds the presence bitmaps (a bit and half a bit more for each, 25 MiB).
+/// Cells of the grid and of each sparse layer's output, rows along x in words of 64: bounds the presence bitmaps (1.5 bits per cell, 25 MiB).
 const GRID_CELLS_MAX: usize = 1 << 27;
 /// Cells of the bird's-eye map; the contract's limit of a features message.
 pub const MAP_CELLS_MAX: usize = 131_072;
@@ -16,15 +16,15 @@ pub const FEATURE_CHANNELS_MAX: usize = 512;
 pub const CLASSES_MAX: usize = 8;
 /// Bytes of a class's name; the contract's limit.
 pub const CLASS_NAME_MAX: usize = 32;
-/// With one class there is nothing between the prototypes.
+/// With one class there are no two prototypes to compare.
 const CLASSES_MIN: usize = 2;
 /// Boxes after suppression; the contract's limit of a detections message.
 pub const BOXES_MAX: u32 = 512;
 /// Voxels of a frame, which bound the sites of every sparse layer and so its memory.
 pub const VOXELS_MAX: u32 = 131_072;
-/// Candidates before suppression, whose cost grows with the square.
+/// Candidates before suppression; the cost of suppression grows with their square.
 const CANDIDATES_MAX: u32 = 16_384;
-/// Anchors without a class.
+/// Sizes of class-agnostic anchors.
 const GENERIC_MAX: usize = 8;
 /// Beams of one range image: they bound its memory.
 const BEAMS_MAX: usize = 256;
@@ -36,18 +36,18 @@ pub const KERNEL_MAX: usize = 7;
 const CHANNELS_MAX: usize = 1024;
 /// Layers of any part.
 const LAYERS_MAX: usize = 64;
-/// Bands of ranges with probabilities of their own, and steps of the score in one.
+/// Bands of ranges, each with its own probabilities, and score steps per band.
 const RANGE_BANDS_MAX: usize = 16;
 const STEPS_MAX: usize = 256;
 /// Edge of the grid and of each sparse layer's output, cells: coordinates are u16.
 const EDGE_MAX: usize = 65_535;
-/// Taps times input channels of a sparse layer: the sum of so many products of u8 and i8 fits an i32.
+/// Taps times input channels of a sparse layer: the sum of this many products of u8 and i8 fits an i32.
 const INPUTS_MAX: usize = i32::MAX as usize / (255 * 127);
-/// Entries of rulebooks and values of all layers, 4 bytes each, where a scan has the most sites. SECOND on KITTI's grid: 758 million with [`VOXELS_MAX`].
+/// Entries of rulebooks and values of all layers, 4 bytes each, at the most sites. SECOND on KITTI's grid: 758 million with [`VOXELS_MAX`].
 const NUMBERS_MAX: usize = 1 << 30;
 
 impl Manifest {
-    /// Refuses a field out of its bounds, by name.
+    /// Refuses a field that is out of its bounds; the error names the field.
     pub fn validate(&self) -> Result<()> {
         let expected = Manifest::FORMAT;
         require(self.format == expected, "format", expected, self.format)?;
@@ -86,7 +86,7 @@ impl Manifest {
         Ok(())
     }
 
-    /// What only some kinds of heads may say.
+    /// Checks the settings that only some kinds of heads may have.
     fn validate_head(&self) -> Result<()> {
         let (head, t) = (self.network.head, &self.thresholds);
         if let Some(scale) = head.prototype_scale() {
@@ -108,7 +108,7 @@ impl Manifest {
 }
 
 impl Beams {
-    /// Refuses beams that no range image can be made of. None at all are fine.
+    /// Refuses beams from which no range image can be made. An empty list is allowed.
     pub fn validate(&self) -> Result<()> {
         let elevations = &self.elevation_rad;
         if elevations.is_empty() {
@@ -194,7 +194,7 @@ impl Thresholds {
 }
 
 impl RangeBand {
-    /// Neither score nor probability may fall.
+    /// Checks that neither score nor probability decreases.
     fn validate(&self, field: &str) -> Result<()> {
         within(&format!("{field}.steps"), self.steps.len(), 1, STEPS_MAX)?;
         let mut least = [0.0; 2];
@@ -269,7 +269,7 @@ impl Network {
         within("network.generic", self.generic, 0, most)?;
         let layers = self.block1.len() + self.block2.len();
         let halo_layers = self.halo_layers.unwrap_or(layers);
-        // The layer of stride 2 has other cells than the one before.
+        // The layer of stride 2 has other cells than the layer before it.
         let least = self.block1.len() + 1;
         within("network.halo_layers", halo_layers, least, layers)?;
         self.validate_names()
@@ -280,7 +280,7 @@ impl Network {
         within("network.up1.factor", up1.factor, 1, 1)?;
         within("network.up2.factor", up2.factor, 2, 2)?;
         within("network.up1.cout", up1.cout, 16, FEATURE_CHANNELS_MAX / 2)?;
-        // A feature row is then two kernel rows side by side, and whole blocks of 16 channels.
+        // A feature row is then two kernel rows side by side, and consists of whole blocks of 16 channels.
         within("network.up2.cout", up2.cout, up1.cout, up1.cout)?;
         let channels = self.feature_channels();
         let field = "network: channels of a feature row";
@@ -335,7 +335,7 @@ fn validate_shape(field: &str, shape: [usize; 3]) -> Result<()> {
     within(&format!("{field}: cells"), cells, 1, GRID_CELLS_MAX)
 }
 
-/// Checks a block and gives its output channels.
+/// Checks a block and returns its output channels.
 fn dense_chain(
     field: &str,
     layers: &[DenseLayer],
@@ -361,7 +361,7 @@ fn require(holds: bool, field: &str, expected: impl Display, found: impl Display
     Err(ModelError::Field(field.into(), expected, found))
 }
 
-/// Field without its `prefix`, value, least and largest of several.
+/// Checks several fields: name without its `prefix`, value, minimum and maximum.
 fn bounds(prefix: &str, values: &[(&str, f32, f32, f32)]) -> Result<()> {
     for &(field, value, low, high) in values {
         within(&format!("{prefix}{field}"), value, low, high)?;
@@ -369,7 +369,7 @@ fn bounds(prefix: &str, values: &[(&str, f32, f32, f32)]) -> Result<()> {
     Ok(())
 }
 
-/// Also refuses NaN.
+/// Refuses a value out of its bounds, and NaN.
 fn within<T: PartialOrd + Display>(field: &str, value: T, low: T, high: T) -> Result<()> {
     let fits = (&low..=&high).contains(&&value);
     if low == high {

@@ -1,4 +1,4 @@
-//! The model file: what is written is read again, and every fault is refused by name.
+//! The model file: what is written can be read again, and every fault is refused with its name.
 
 use std::collections::HashMap;
 
@@ -19,13 +19,13 @@ fn fixture() -> (Manifest, WeightSet) {
     (manifest, weights)
 }
 
-/// A file that no check of ours has seen.
+/// A file that our checks have not seen.
 fn unchecked(json: impl ToString, weights: &WeightSet) -> Vec<u8> {
     let metadata = HashMap::from([("mluc".to_string(), json.to_string())]);
     safetensors::serialize(weights.iter(), Some(metadata)).expect("a file")
 }
 
-/// The file is refused, and the error has all `parts`.
+/// The file must be refused, and the error must have all `parts`.
 fn assert_refused(bytes: &[u8], parts: &[&str]) {
     let error = Model::from_bytes(bytes).expect_err("the file must be refused");
     let error = error.to_string();
@@ -62,7 +62,7 @@ fn a_file_that_is_absent_cut_short_or_of_another_format_is_refused() -> Fallible
     assert_refused(&empty, &["no manifest", "`mluc`"]);
     assert_refused(&unchecked("{", &weights), &["manifest", "line 1"]);
     assert_refused(&unchecked("{}", &weights), &["format none"]);
-    // The format is said before its fields are looked at.
+    // The format is reported before its fields are read.
     let other = unchecked(r#"{"format": 7, "new_field": 1}"#, &weights);
     assert_refused(&other, &["format 7", "reads format 1"]);
     let json = serde_json::to_string(&manifest)?.replace("uses_intensity", "uses_colour");
@@ -121,11 +121,11 @@ fn a_tensor_of_another_type_is_named() -> Fallible {
 #[test]
 fn every_field_out_of_bounds_is_named_and_nothing_panics() -> Fallible {
     let (mut manifest, weights) = fixture();
-    // Left out of a file where they are absent.
+    // These fields are left out of a file if they are absent.
     manifest.network.halo_layers = Some(manifest.network.block1.len() + 1);
     manifest.network.sparse[1].floor = true;
     let sound = serde_json::to_value(&manifest)?;
-    // A field, what makes it wrong (of an object: its fields that change), and what the error names where it is not the field.
+    // A field, its wrong value (for an object: the fields that change), and the name in the error if it is not the field.
     let cases: Vec<(&str, Value, &str)> = serde_json::from_str(include_str!("out_of_bounds.json"))?;
     for (field, value, named) in cases {
         let pointer = field.replace(['.', '['], "/").replace(']', "");

@@ -1,4 +1,4 @@
-//! Models and scans, made up, and a pipeline on them.
+//! Synthetic models and scans, and a pipeline that runs on them.
 
 use std::path::{Path, PathBuf};
 use std::{fs, process::Command, time::Duration};
@@ -12,11 +12,11 @@ use mluc_dataset::scan_bytes;
 use mluc_model::{Grid, Manifest, Network, formula_weights, model_bytes};
 use mluc_runtime::{Instance, Shell, Shutdown};
 
-/// A calibration of KITTI's axes at the sensor, without a camera.
+/// A calibration with KITTI's axes at the sensor, without a camera.
 pub const NO_CAMERA: &str = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
     Tr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
 
-/// Writes a model with weights by formula, small and quick: it sees shapes and no sense. Its gate calls half of its
+/// Writes a small and fast model with weights by formula: it reacts to shapes but has learned nothing. Its gate makes half of its
 /// boxes candidates, so that all stages have work.
 pub fn untrained_model(folder: &Path) -> PathBuf {
     let network = Network::compact(Grid::kitti_compact(), 3);
@@ -31,7 +31,7 @@ pub fn untrained_model(folder: &Path) -> PathBuf {
     path
 }
 
-/// A model file of setting udi with weights by formula, on a small map: nothing is learned, but every stage has work.
+/// A model file of setting udi with weights by formula, on a small map: it has learned nothing, but every stage has work.
 pub fn untrained_udi() -> Vec<u8> {
     let grid = Grid::udi().within([-12.8, 12.8], [-12.8, 12.8]);
     let mut manifest = Manifest::untrained("udi", Network::compact(grid, 4));
@@ -58,20 +58,20 @@ pub fn car_scan(distance_m: f32) -> Vec<[f32; 4]> {
     points
 }
 
-/// What a test of a pipeline needs: a folder, the untrained model and sound scans in it, and a name for the instance.
+/// What a pipeline test needs: a folder with the untrained model and sound scans, and a name for the instance.
 pub struct Setting {
-    /// Gone with the setting.
+    /// Deleted when the setting is dropped.
     pub folder: TempDir,
-    /// [`untrained_model`].
+    /// The model of [`untrained_model`].
     pub model: PathBuf,
-    /// 000000.bin and so on.
+    /// The folder of the scans 000000.bin and so on.
     pub input: PathBuf,
-    /// Of this setting alone.
+    /// The name of this setting's own instance.
     pub instance: String,
 }
 
 impl Setting {
-    /// A program that the test starts and ends itself, in this instance.
+    /// Starts a program in this instance; the test itself starts and ends it.
     pub fn start_by_hand(&self, command: &[String]) -> Running {
         let mut process = Command::new(&command[0]);
         process.env("MLUC_INSTANCE", &self.instance);
@@ -94,7 +94,7 @@ impl Setting {
         setting
     }
 
-    /// Writes KITTI's `.bin` beside the others; gives its path.
+    /// Writes KITTI's `.bin` next to the others; returns its path.
     pub fn write_scan(&self, name: &str, points: &[[f32; 4]]) -> PathBuf {
         let path = self.input.join(format!("{name}.bin"));
         fs::write(&path, scan_bytes(points)).expect("a writable folder");
@@ -115,13 +115,13 @@ impl Setting {
         self.command(&words)
     }
 
-    /// The same to its end, after which nothing is left in shared memory.
+    /// Runs [`Setting::up`] to its end; nothing may be left in shared memory then.
     #[track_caller]
     pub fn run(&self, options: &str) -> Finished {
         self.finish(self.up(options))
     }
 
-    /// Waits for the end of a pipeline of this setting; nothing is left of it in shared memory.
+    /// Waits for the end of a pipeline of this setting; nothing may be left of it in shared memory.
     #[track_caller]
     pub fn finish(&self, run: Running) -> Finished {
         let run = run.finish();
@@ -129,7 +129,7 @@ impl Setting {
         run
     }
 
-    /// [`Running::stop`], and [`Setting::finish`].
+    /// [`Running::stop`], then [`Setting::finish`].
     #[track_caller]
     pub fn stop(&self, run: Running) -> Finished {
         run.signal(Signal::TERM);
@@ -138,7 +138,7 @@ impl Setting {
         run
     }
 
-    /// Writes `mluc.toml` and gives the option that names it.
+    /// Writes `mluc.toml` and returns the option that names it.
     pub fn config(&self, text: &str) -> String {
         let path = self.folder.path().join("mluc.toml");
         fs::write(&path, text).expect("a writable folder");
@@ -151,7 +151,7 @@ impl Setting {
         Running::start(&mut self.command(&words))
     }
 
-    /// A scan that hangs whoever opens it: a pipe that nobody writes to.
+    /// Writes a scan that blocks every process that opens it: a pipe that nobody writes to.
     pub fn write_hanging_scan(&self, name: &str) {
         let path = self.input.join(format!("{name}.bin"));
         fs::remove_file(&path).expect("it was there");
@@ -159,13 +159,13 @@ impl Setting {
         assert!(made.expect("mkfifo starts").success());
     }
 
-    /// One that looks on.
+    /// A shell that only observes.
     pub fn observer(&self) -> Shell {
         let instance = Instance::new(&self.instance).expect("a name");
         Shell::observer(&instance, None, Shutdown::default()).expect("it runs")
     }
 
-    /// `mluc record` of the setting's instance into a file of its folder; gives the file's path too.
+    /// Starts `mluc record` of the setting's instance into a file of its folder; also returns the file's path.
     pub fn start_record(&self, name: &str, options: &str) -> (Running, String) {
         let path = self.folder.path().join(name).display().to_string();
         let instance = &self.instance;
@@ -175,14 +175,14 @@ impl Setting {
         (record, path)
     }
 
-    /// `mluc replay` of a recording with options as on a command line, to its end.
+    /// Runs `mluc replay` of a recording, with options as on a command line, to its end.
     pub fn replay(&self, path: &str, options: &str) -> Finished {
         let instance = unique_instance("replay");
         let words = format!("replay --input {path} --instance {instance} {options}");
         Running::mluc(words.split_whitespace()).finish()
     }
 
-    /// Where [`Setting::bench`] has its report written.
+    /// Where [`Setting::bench`] writes its report.
     pub fn report(&self) -> PathBuf {
         self.folder.path().join("report")
     }
@@ -194,7 +194,7 @@ impl Setting {
         Running::start(&mut self.command(&words))
     }
 
-    /// [`Setting::start_bench`] to its end; it must succeed, at most with warnings.
+    /// Runs [`Setting::start_bench`] to its end; it must succeed, at most with warnings.
     #[track_caller]
     pub fn bench(&self, options: &str) -> Finished {
         let run = self.start_bench(options);
@@ -213,7 +213,7 @@ impl Setting {
     }
 }
 
-/// Writes a file, and the folders above it.
+/// Writes a file, and creates the folders above it.
 pub fn write_file(path: &Path, content: impl AsRef<[u8]>) {
     fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
     fs::write(path, content).expect("a writable folder");

@@ -1,6 +1,6 @@
-//! What the tests of whole pipelines share: a model without training, synthetic scans, running the program `mluc`, answers from outside.
+//! Common parts of the pipeline tests: a model without training, synthetic scans, running the program `mluc`, external reference data.
 
-// A comment says what a name does not.
+// A comment says only what a name does not say.
 #![allow(missing_docs)]
 
 mod inputs;

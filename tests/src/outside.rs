@@ -1,4 +1,4 @@
-//! What is not everywhere: answers from outside and real scans, the refiners in other languages (`.ci/examples` installs what they need).
+//! Things that not every machine has: external reference data, real scans, refiners in other languages (`.ci/examples` installs their needs).
 
 use std::io::{Write, stderr};
 use std::{path::PathBuf, process::Command};
@@ -9,14 +9,14 @@ use mluc_model::{Grid, Manifest, Network, VOXELS_MAX};
 
 use crate::inputs::root;
 
-/// Says in one line that a check did not run. `.ci/run` counts these lines.
+/// Reports in one line that a check did not run. `.ci/run` counts these lines.
 pub fn skip(what: &str, why: &str) {
-    // Cargo captures what the print macros write, not what is written to the stream itself. One call, so that no other test's line comes between.
+    // Cargo captures the print macros, but not direct writes to the stream. A single call keeps lines of other tests from coming between.
     let _ = stderr().write_all(format!("skipped: {what}: {why}\n").as_bytes());
 }
 
-/// The folder that `variable` names; `None`, said: it is not set. A folder that is missing is a failure, and so is a
-/// variable that is not set where `MLUC_REQUIRE_ORACLE=1`.
+/// The folder that `variable` names. `None`, with a message: the variable is not set. A missing folder is a failure. With
+/// `MLUC_REQUIRE_ORACLE=1` an unset variable is a failure, too.
 pub fn data_folder(variable: &str) -> Option<PathBuf> {
     let Some(folder) = std::env::var_os(variable).map(PathBuf::from) else {
         let is_required = std::env::var_os("MLUC_REQUIRE_ORACLE").is_some_and(|value| value == "1");
@@ -31,12 +31,12 @@ pub fn data_folder(variable: &str) -> Option<PathBuf> {
     Some(folder)
 }
 
-/// The folder of answers from outside; see [`data_folder`].
+/// The folder of external reference data; see [`data_folder`].
 pub fn oracle() -> Option<PathBuf> {
     data_folder("MLUC_ORACLE")
 }
 
-/// The Python that has these packages; `None`, said: it is not there.
+/// The Python that has these packages; `None`, with a message: there is none.
 pub fn python_with(packages: &str) -> Option<PathBuf> {
     let python = root().join("target/examples/venv/bin/python");
     let mut import = Command::new(&python);
@@ -49,19 +49,19 @@ pub fn python_with(packages: &str) -> Option<PathBuf> {
     None
 }
 
-/// The command of a Python script over the module mluc; `None`, said: Python or its packages are not there.
+/// The command of a Python script that uses the module mluc; `None`, with a message: Python or its packages are missing.
 pub fn python_script(path: &str) -> Option<Vec<String>> {
     let python = python_with("iceoryx2, numpy, mcap_ros2, websockets")?;
     let words = [python, root().join(path)].map(|path| path.display().to_string());
     Some(words.to_vec())
 }
 
-/// The same of an example, of the refiner for instance.
+/// The command of a Python example, for example of the refiner.
 pub fn python_example(kind: &str) -> Option<Vec<String>> {
     python_script(&format!("examples/{kind}-python/{kind}.py"))
 }
 
-/// A C++ example's command; `None`, said: it was not built.
+/// The command of a C++ example; `None`, with a message: it was not built.
 pub fn cpp_example(kind: &str) -> Option<Vec<String>> {
     let program = root().join(format!("target/examples/{kind}-cpp/{kind}"));
     if !program.exists() {
@@ -72,16 +72,16 @@ pub fn cpp_example(kind: &str) -> Option<Vec<String>> {
     Some(vec![program.display().to_string()])
 }
 
-/// A scan, and where its answers are.
+/// A scan, and where its reference data are.
 pub struct PaperFrame {
-    /// Of the files, without extension.
+    /// Name of the files, without extension.
     pub name: String,
     pub points: Vec<[f32; 4]>,
-    /// What the other implementation found, by level.
+    /// Results of the other implementation, by level.
     pub answers: PathBuf,
 }
 
-/// Every frame that the oracle has, by name: at least one. None, said, where the oracle is not asked for.
+/// All frames that the oracle has, by name, at least one. Without an oracle there are none, which a message reports.
 pub fn paper_frames() -> Result<Vec<PaperFrame>, DatasetError> {
     let Some(folder) = oracle().map(|folder| folder.join("second_forward")) else {
         return Ok(vec![]);
@@ -99,7 +99,7 @@ pub fn paper_frames() -> Result<Vec<PaperFrame>, DatasetError> {
     names.into_iter().map(frame).collect()
 }
 
-/// The paper's network without a voxel budget but the contract's points.
+/// The paper's network; its only limit on voxels is the contract's limit on points.
 pub fn paper_network() -> Manifest {
     let grid = Grid {
         voxels_max: VOXELS_MAX,
@@ -108,7 +108,7 @@ pub fn paper_network() -> Manifest {
     Manifest::untrained("oracle", Network::second(grid, 3))
 }
 
-/// The feature map of the last frame: its rows laid over those of the empty scene.
+/// The feature map of the last frame: its rows replace the rows of the empty scene.
 pub fn feature_map(backbone: &Backbone, mut empty: Vec<f32>) -> Result<Vec<f32>, BackboneError> {
     let channels = backbone.feature_channels();
     let (cells, rows) = backbone.last_rows()?;

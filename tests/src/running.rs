@@ -1,4 +1,4 @@
-//! Running `mluc`, or a stage of somebody else, as a process.
+//! Runs `mluc`, or another program's stage, as a process.
 
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, Stdio};
@@ -12,7 +12,7 @@ use procfs::process::Process;
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use serde_json::Value;
 
-/// A program beside the tests that cargo built: `target/release/deps/test-1234` has it in `target/release`.
+/// A program next to the tests that cargo built: `target/release/deps/test-1234` has it in `target/release`.
 pub fn built_program(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a running test");
     let folder = test.ancestors().nth(2).expect("target/PROFILE");
@@ -37,7 +37,7 @@ pub fn unique_instance(label: &str) -> String {
     format!("{label}-{}-{count}", std::process::id())
 }
 
-/// Files of an instance in shared memory.
+/// Files in shared memory that belong to an instance.
 pub fn leftovers(instance: &str) -> Vec<String> {
     let stem = format!("mluc-{}-{instance}", rustix::process::geteuid().as_raw());
     let folder = std::fs::read_dir("/dev/shm").expect("shared memory");
@@ -58,7 +58,7 @@ pub fn is_alive(pid: u32) -> bool {
     Pid::from_raw(pid as i32).is_some_and(|pid| test_kill_process(pid).is_ok())
 }
 
-/// Waits at most `patience`; whether `condition` came true.
+/// Waits at most `patience`; returns whether `condition` became true.
 pub fn wait_for(patience: Duration, mut condition: impl FnMut() -> bool) -> bool {
     let begun = Instant::now();
     loop {
@@ -81,28 +81,28 @@ pub fn assert_has(text: &str, words: &[&str]) {
 
 #[derive(Debug)]
 pub struct Finished {
-    /// Exit code; `None`: by a signal.
+    /// Exit code; `None`: a signal ended the process.
     pub code: Option<i32>,
-    /// stdout, a value a line.
+    /// stdout, one value per line.
     pub lines: Vec<Value>,
     pub log: String,
 }
 
 impl Finished {
-    /// Fails unless it ended with this code and wrote so many lines.
+    /// Fails unless the process ended with this code and wrote exactly this many lines.
     #[track_caller]
     pub fn assert_ended(&self, code: i32, lines: usize) {
         let found = (self.code, self.lines.len());
         assert_eq!(found, (Some(code), lines), "{}", self.log);
     }
 
-    /// Fails unless it ended well; a loaded machine may have lost frames.
+    /// Fails unless the process ended well; a loaded machine may have lost frames.
     #[track_caller]
     pub fn assert_ended_well(&self) {
         assert!(matches!(self.code, Some(0 | 3)), "{}", self.log);
     }
 
-    /// Fails unless it ended with this code after exactly the frames 0, 1, 2 and so on, each once and in order.
+    /// Fails unless the process ended with this code after exactly the frames 0, 1, 2 and so on, each once and in order.
     #[track_caller]
     pub fn assert_complete(&self, code: i32, frames: u64) {
         let found = (self.code, self.sequences());
@@ -124,7 +124,7 @@ impl Finished {
         lines.filter_map(|line| line["sequence"].as_u64()).collect()
     }
 
-    /// stdout where it is text.
+    /// stdout as text.
     pub fn text(&self) -> String {
         let lines: Vec<&str> = self.lines.iter().filter_map(Value::as_str).collect();
         lines.join("\n")
@@ -138,10 +138,10 @@ impl Finished {
     }
 }
 
-/// What was read so far, and the thread that reads.
+/// The text that was read so far, and the reading thread.
 type Reader = (Arc<Mutex<String>>, JoinHandle<()>);
 
-/// A running program; ended when dropped.
+/// A running program; it is ended when this value is dropped.
 pub struct Running {
     process: Child,
     out: Reader,
@@ -157,7 +157,7 @@ impl Running {
         Running::start_into(command, Stdio::piped(), Stdio::piped())
     }
 
-    /// What is piped is read.
+    /// Starts the command; piped output is read.
     pub fn start_into(command: &mut Command, stdout: Stdio, stderr: Stdio) -> Running {
         command.stdin(Stdio::null()).stdout(stdout).stderr(stderr);
         let mut process = command.spawn().expect("the program starts");
@@ -173,7 +173,7 @@ impl Running {
         self.process.id()
     }
 
-    /// Its stages: name and process.
+    /// Name and process id of its stages.
     pub fn stages(&self) -> Vec<(String, u32)> {
         let stage = |(pid, words): (u32, Vec<String>)| {
             let mut words = words.into_iter().skip_while(|word| word != "stage");
@@ -182,7 +182,7 @@ impl Running {
         self.descendants().into_iter().filter_map(stage).collect()
     }
 
-    /// The process of a stage that runs.
+    /// The process id of a running stage.
     #[track_caller]
     pub fn stage(&self, name: &str) -> u32 {
         let stages = self.stages();
@@ -191,14 +191,14 @@ impl Running {
         *pid
     }
 
-    /// The processes that it started whose command line has this word.
+    /// The processes that this one started and whose command line has this word.
     pub fn children_with(&self, word: &str) -> Vec<u32> {
         let mut found = self.descendants();
         found.retain(|(_, words)| words.iter().any(|found| found == word));
         found.into_iter().map(|(pid, _)| pid).collect()
     }
 
-    /// Processes and their command lines: `mluc bench` starts a `mluc up`, whose children are the stages.
+    /// Processes and their command lines, over several levels: `mluc bench` starts a `mluc up`, whose children are the stages.
     fn descendants(&self) -> Vec<(u32, Vec<String>)> {
         let children = children(self.pid());
         let grandchildren = children.iter().flat_map(|pid| self::children(*pid));
@@ -207,7 +207,7 @@ impl Running {
         all.filter_map(with_command).collect()
     }
 
-    /// Lines so far.
+    /// The number of lines so far.
     pub fn line_count(&self) -> usize {
         self.out.0.lock().expect("no panic").lines().count()
     }
@@ -217,7 +217,7 @@ impl Running {
         self.log.0.lock().expect("no panic").clone()
     }
 
-    /// Waits until `condition`, at most half a minute.
+    /// Waits until `condition` is true, at most half a minute.
     #[track_caller]
     pub fn wait_until(&mut self, what: &str, mut condition: impl FnMut(&Running) -> bool) {
         let (mut is_met, mut has_ended) = (false, false);
@@ -229,7 +229,7 @@ impl Running {
         assert!(is_met, "waiting until {what}: {}", self.log());
     }
 
-    /// Waits for `more` lines than there are now.
+    /// Waits for `more` further lines.
     #[track_caller]
     pub fn wait_for_lines(&mut self, more: usize) {
         let before = self.line_count();
@@ -241,7 +241,7 @@ impl Running {
         self.wait_until(words, |run| run.log().contains(words));
     }
 
-    /// The address that it says it serves, once it has said these words.
+    /// The address that the program reports that it serves, once it has written these words.
     #[track_caller]
     pub fn wait_for_address(&mut self, words: &str) -> String {
         self.wait_for_words(words);
@@ -250,7 +250,7 @@ impl Running {
         rest.split(' ').next().expect("a word").to_string()
     }
 
-    /// Waits until the health of an instance's stages is as it should be.
+    /// Waits until the health of an instance's stages fulfils a condition.
     #[track_caller]
     pub fn wait_for_health(
         &mut self,
@@ -267,7 +267,7 @@ impl Running {
         });
     }
 
-    /// Hits a stage with a signal that ends it, sooner or later, and waits for its next process.
+    /// Sends a stage a signal that ends it sooner or later, and waits for its next process.
     #[track_caller]
     pub fn replace(&mut self, stage: &str, signal: Signal) {
         let hit = self.stage(stage);
@@ -308,7 +308,7 @@ impl Running {
         self.finish_within(Duration::from_secs(60))
     }
 
-    /// Asks it to end, which it must do without an error.
+    /// Asks the program to end; it must end without an error.
     #[track_caller]
     pub fn stop(self) -> Finished {
         self.signal(Signal::TERM);
@@ -320,7 +320,7 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // Asked first, so that a test that failed leaves nothing in shared memory.
+        // A request to end comes first, so that a failed test leaves nothing in shared memory.
         if matches!(self.process.try_wait(), Ok(None)) {
             send_signal(self.pid(), Signal::TERM);
         }
@@ -331,7 +331,7 @@ impl Drop for Running {
     }
 }
 
-/// Whole lines: a reader never sees a part of one.
+/// Keeps whole lines only: a reader never sees a part of one.
 fn read_lines(from: impl Read + Send + 'static) -> Reader {
     let text: Arc<Mutex<String>> = Arc::default();
     let own = text.clone();

@@ -1,5 +1,5 @@
-//! An accuracy floor: the shipped models on the labelled scans of this checkout, through backbone, head and refiner. The
-//! scans are few and simulated: the figures say that nothing broke, not how good a model is.
+//! Accuracy baselines: the shipped models on the labelled scans of this checkout, through backbone, head and refiner. The
+//! scans are few and simulated: the figures show that nothing broke, not how good a model is.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -13,7 +13,7 @@ use mluc_tests::{NO_CAMERA, root, write_file};
 /// Average precision and recall in %, at the model's own threshold, in 3-D, moderate.
 type Figures = BTreeMap<String, [f64; 2]>;
 
-/// `accuracy.toml`: of every model that the program brings along.
+/// `accuracy.toml`: the baselines of every model that the program ships.
 fn floors() -> BTreeMap<String, Figures> {
     toml::from_str(include_str!("accuracy.toml")).expect("floors")
 }
@@ -22,7 +22,7 @@ fn model(name: &str) -> Model {
     Model::read(&root().join(format!("weights/{name}.safetensors"))).expect("a shipped model")
 }
 
-/// All labelled scans as one KITTI folder: all around without a camera, and what a camera sees of others.
+/// All labelled scans as one KITTI folder: some all around without a camera, the others only what a camera sees.
 fn scans(folder: &Path) -> FrameSet {
     let write = |inner: &str, bytes: &[u8]| write_file(&folder.join(inner), bytes);
     for assets in ["services/mluc/assets", "tests/assets/kitti"].map(|assets| root().join(assets)) {
@@ -44,7 +44,7 @@ fn scans(folder: &Path) -> FrameSet {
     FrameSet::open(folder, None, usize::MAX).expect("labelled frames")
 }
 
-/// What a model reaches, its boxes moved by `shift_m` along x.
+/// The figures of a model after its boxes are moved by `shift_m` along x.
 fn figures(model: &Model, shift_m: f32) -> Figures {
     let folder = tempfile::tempdir().expect("a folder");
     let set = scans(folder.path());
@@ -63,7 +63,7 @@ fn figures(model: &Model, shift_m: f32) -> Figures {
     classes.collect()
 }
 
-/// The classes that lie below the floor.
+/// The classes below the baseline.
 fn below(floor: &Figures, figures: &Figures) -> Vec<String> {
     let is_low = |(class, floor): &(&String, &[f64; 2])| {
         let found = figures.get(*class).unwrap_or(&[0.0; 2]);
@@ -89,7 +89,7 @@ fn shipped_models_keep_their_accuracy() {
     }
 }
 
-/// The floor is not so low that a fault passes: boxes that lie half a metre off, and a weight of the network's first layers lost.
+/// The baseline is high enough to reveal a fault: boxes half a metre off, or a lost weight in the network's first layers.
 #[test]
 fn a_broken_decoder_or_weight_falls_below_the_floor() {
     for (name, floor) in &floors() {

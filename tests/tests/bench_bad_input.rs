@@ -1,4 +1,4 @@
-//! What a scenario cannot have, a stage that never answers, reports of another version: said clearly, and at once.
+//! Wrong keys in a scenario, a stage that never answers, reports of another version: a clear error comes at once.
 
 use std::{path::Path, time::Duration};
 

@@ -5,7 +5,7 @@ use std::{path::Path, process::Command};
 use mluc_tests::{Finished, Setting, assert_has, read_json, root, skip};
 use serde_json::Value;
 
-/// The rows of frames.csv that were measured, by column.
+/// The measured rows of frames.csv, as columns.
 fn measured(out: &Path) -> Vec<Vec<String>> {
     let text = std::fs::read_to_string(out.join("frames.csv")).expect("a table of frames");
     let rows = text.lines().skip(1);
@@ -22,7 +22,7 @@ fn the_report_holds_what_was_measured() {
     every_stage_and_hop_has_its_figures(&report);
     let rows = measured(&out);
     assert_eq!(report["frames"]["in"], rows.len());
-    // 5 s at 5 Hz, the first second of 6 apart.
+    // 5 s at 5 Hz: the first of 6 seconds is warm-up.
     assert_eq!((rows.len(), &report["frames"]["warm_up"]), (25, &5.into()));
     let out_count = rows.iter().filter(|cells| cells[4] == "out").count();
     assert_eq!(report["frames"]["out"], out_count);
@@ -91,7 +91,7 @@ fn the_terminal_shows_a_table(run: &Finished) {
     assert!(!run.log.contains("####"), "a bar is for terminals alone");
 }
 
-/// `tools/trace`, of the same frames.
+/// `tools/trace` on the same frames.
 fn a_trace_shows_the_frames_over_all_processes(out: &Path, rows: &[Vec<String>]) {
     let mut trace = Command::new(root().join("tools/trace"));
     let output = trace.arg(out).output().expect("a script");
@@ -108,7 +108,7 @@ fn a_trace_shows_the_frames_over_all_processes(out: &Path, rows: &[Vec<String>])
     assert!(frames > 5, "wait and run of each stage");
     assert_eq!(spans.len(), 8 * frames);
     assert_eq!((names.len(), having("ph", "s").len()), (4, 3 * frames));
-    // Of the last frame: the first ones are warm-up.
+    // The span of the last frame, because the first frames are warm-up.
     let is_run = |span: &&&Value| span["name"] == "run" && span["pid"] == 1;
     let run = spans.iter().rev().find(is_run).expect("the backbone's");
     let sequence = run["args"]["sequence"].as_u64();

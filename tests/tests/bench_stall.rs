@@ -1,4 +1,4 @@
-//! A stall counts for every frame that it delays, not only for the one that met it (no coordinated omission).
+//! A stall counts for every frame that it delays, not only for the frame that met it (no coordinated omission).
 
 use std::{path::Path, time::Duration};
 
@@ -10,17 +10,17 @@ use serde_json::Value;
 const RATE_HZ: f64 = 20.0;
 const STALL: Duration = Duration::from_millis(1500);
 
-/// A run of 6 s in which a stage is stopped for [`STALL`]; the report and the measured latencies, us.
+/// A run of 6 s in which a stage is stopped for [`STALL`]; returns the report and the measured latencies, us.
 fn stalled(stage: &str) -> (Value, Vec<f64>) {
     let setting = Setting::new("bench", 3);
-    // A stop of this length is a hang otherwise, and the stage would be killed.
+    // Without this setting a stop of this length is a hang, and the stage would be killed.
     let config = setting.config(&format!("[stages.{stage}]\nheartbeat_max_ms = 0\n"));
     let config = config.replace("--config", "--scenario");
     let options = format!("--rate {RATE_HZ} --seconds 6 --warm-up 0 {config}");
     let mut run = setting.start_bench(&options);
     run.wait_until("all stages run", |run| run.stages().len() == 4);
     let instance = format!("bench-{}-0", run.pid());
-    // The stall then lies within the 6 s.
+    // This wait places the stall within the 6 s.
     run.wait_for_health(&instance, "ten frames are through", |watch| {
         let refiner = watch.of(Stage::Refiner);
         refiner.is_some_and(|health| health.frames_out >= 10)
@@ -41,7 +41,7 @@ fn latencies_us(out: &Path) -> Vec<f64> {
     text.lines().skip(1).map(latency_us).collect()
 }
 
-/// Frames due evenly over a stall of S wait between 0 and S: as many are later than a share of S as the rest of S holds.
+/// Frames due during a stall of length S wait between 0 and S, evenly spread: frames due in its first (1 - `share`) S wait longer than `share` S.
 fn assert_counted(latencies_us: &[f64], stage: &str) {
     for share in [0.25, 0.5, 0.75] {
         let limit_us = share * STALL.as_secs_f64() * 1e6;
@@ -59,7 +59,7 @@ fn a_stage_that_stands_still_delays_all_frames_that_were_due() {
     let dropped = report["frames"]["dropped"].as_f64().unwrap();
     let is_overtaken = dropped > 0.5 * STALL.as_secs_f64() * RATE_HZ;
     assert!(is_overtaken, "newer frames overtook them: {dropped}");
-    // A measurement that asks only those that came out hides the stall from its 90th percentile.
+    // A measurement of only the frames that came out would miss the stall at its 90th percentile.
     let p90_us = report["end_to_end_us"]["p90"].as_f64().unwrap();
     assert!(p90_us > 0.2e6, "{p90_us}");
     let warnings = report["warnings"].to_string();

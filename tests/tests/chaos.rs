@@ -1,4 +1,4 @@
-//! A short run of `tools/chaos`: stages and supervisors are killed, stages are stopped, two signals end runs; nothing is lost uncounted or left.
+//! A short run of `tools/chaos`: it kills stages and supervisors, stops stages, and ends runs by two signals. Every loss is counted, nothing is left.
 
 use std::{process::Command, time::Duration};
 

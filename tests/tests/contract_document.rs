@@ -1,4 +1,4 @@
-//! `docs/CONTRACT.md`, `mluc.h` and `mluc.py` say what the code says: layouts, limits, topics, codes.
+//! `docs/CONTRACT.md`, `mluc.h` and `mluc.py` agree with the code: layouts, limits, topics, codes.
 
 mod contract_layouts;
 
@@ -13,7 +13,7 @@ fn read(path: &str) -> String {
     std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
 }
 
-/// The cells of the tables below a heading, up to the next heading.
+/// The cells of the tables between a heading and the next one.
 fn rows(document: &str, heading: &str) -> Vec<Vec<String>> {
     let mut lines = document.lines();
     let is_there = lines.any(|line| line == heading);
@@ -32,7 +32,7 @@ fn codes(rows: &[Vec<String>]) -> Vec<(&str, u32)> {
         .collect()
 }
 
-/// The numbers that a queue of a topic is made with, as both languages list them.
+/// The numbers that define a topic's queue, in the order of both languages.
 fn queue(topic: &Topic) -> [usize; 5] {
     let t = topic;
     [t.subscribers_max, t.buffer, t.borrowed, t.loans, t.history]
@@ -119,7 +119,7 @@ fn the_document_has_the_codes() {
 #[test]
 fn the_c_header_is_the_contract() {
     let header = read("capi/include/mluc.h");
-    // The library tells health by itself.
+    // The library itself reports health, so the header needs no `Health`.
     for layout in layouts().iter().filter(|layout| layout.name != "Health") {
         let said = c_struct(&header, layout.name);
         assert_eq!(said, layout.fields, "{}", layout.name);

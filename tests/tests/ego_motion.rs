@@ -1,4 +1,4 @@
-//! The sensor's motion as the refiner estimates it from scans alone, on simulated drives with known poses.
+//! The refiner's estimate of the sensor's motion from scans alone, on simulated drives with known poses.
 
 use std::fs;
 
@@ -8,7 +8,7 @@ use mluc_refiner::{EgoEstimator, FrameIndex};
 use mluc_simulate::{ExportOptions, Family, Split, export};
 
 const DRIVES: u32 = 15;
-/// One second, and the scan that it begins with.
+/// The scans of one second, and the scan at its start.
 const SCANS: usize = 11;
 
 #[test]
@@ -38,7 +38,7 @@ fn the_motion_of_a_second_is_known_to_centimetres_by_one_sensor_and_by_any() {
                 last = estimator.estimate(&header, Some(&frame));
                 lost += u32::from(last.is_none() && sequence > 0);
             }
-            // The estimate begins at 0; no drive of the simulator turns.
+            // The estimate begins at 0; the simulator's drives do not turn.
             let [begin, end] = [&poses[first], &poses[first + SCANS - 1]];
             let Some(found) = last else { continue };
             let [x, y] = [0, 1].map(|axis| found.position_m[axis] - (end[axis] - begin[axis]));

@@ -1,11 +1,11 @@
-//! Bad input, a full disk, a reader that is gone: a clear error, or a flagged frame and the next one; never a panic.
+//! Bad input, a full disk, a reader that is gone: a clear error, or a flagged frame and then the next frame; never a panic.
 
 use std::fs::{self, File};
 use std::process::{Command, Stdio};
 
 use mluc_tests::{Setting, car_scan, leftovers, mluc_program};
 
-/// It must end with this code, without a line, and say these words.
+/// The run must end with this code, without a line, and its log must have these words.
 #[track_caller]
 fn refuses(setting: &Setting, code: i32, options: &str, words: &[&str]) {
     let run = setting.run(options);
@@ -105,7 +105,7 @@ fn a_stage_that_cannot_start_ends_the_run_and_says_so() {
     let text = "restart_limit = 3\n[stages.refiner]\ncommand = [\"/nowhere/refiner\"]\n";
     let words = ["/nowhere/refiner", "refiner died 3 times in a row"];
     refuses(&setting, 1, &setting.config(text), &words);
-    // By another policy the others go on.
+    // With the other policy the other stages run on.
     let config = setting.config(&format!("on_restart_limit = \"degraded\"\n{text}"));
     let mut run = setting.up(&config);
     run.wait_for_words("the others run on without it");
@@ -151,7 +151,7 @@ fn a_demo_that_cannot_be_printed_ends_with_an_error_and_leaves_nothing() {
     assert_eq!(output.expect("started").status.code(), Some(0));
     assert!(picture.is_file());
 
-    // The user's file, which is no scan.
+    // The user gives a file that is no scan.
     let text = folder.path().join("text.bin");
     fs::write(&text, [b'a'; 1600]).expect("written");
     demo.arg("--input").arg(&text).stderr(Stdio::piped());

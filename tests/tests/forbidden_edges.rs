@@ -1,4 +1,4 @@
-//! Which crate may know which: read from `cargo metadata`, transitive edges too.
+//! Which crate may depend on which, from `cargo metadata`; this includes transitive edges.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
@@ -9,10 +9,10 @@ use serde::Deserialize;
 const CONTRACT: &str = "mluc-ipc-types";
 const SHARED_MEMORY: &str = "iceoryx2";
 
-/// By package.
+/// Names by package.
 type Names = BTreeMap<String, BTreeSet<String>>;
 
-/// `forbidden_edges.toml`.
+/// The rules of `forbidden_edges.toml`.
 #[derive(Deserialize)]
 struct Rules {
     stages: BTreeSet<String>,
@@ -22,7 +22,7 @@ struct Rules {
     found: Names,
 }
 
-/// Of this machine's platform: packages of others need not have been fetched.
+/// Metadata for this machine's platform: packages of other platforms may not have been fetched.
 static METADATA: LazyLock<Metadata> = LazyLock::new(|| {
     let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
     let mut command = MetadataCommand::new();
@@ -31,7 +31,7 @@ static METADATA: LazyLock<Metadata> = LazyLock::new(|| {
 });
 
 /// Normal and build dependencies of every package, by name. The contract's optional edge to iceoryx2 is left out: it
-/// holds marker traits alone, and `the_contract_needs_iceoryx2_only_for_the_runtime` guards it.
+/// contains marker traits alone, and `the_contract_needs_iceoryx2_only_for_the_runtime` guards it.
 fn edges() -> Names {
     let packages = METADATA.packages.iter();
     let names: BTreeMap<_, _> = packages.map(|p| (&p.id, p.name.to_string())).collect();
@@ -88,7 +88,7 @@ fn every_package_keeps_the_rules() {
         ours.retain(|name| name == "mluc" || name.starts_with("mluc-"));
         none(from, &(&ours - allowed));
     }
-    // Else the rules above could not fail.
+    // Otherwise the rules above could never fail.
     for (from, expected) in &rules.found {
         assert!(reached(&edges, from).is_superset(expected), "{from}");
     }

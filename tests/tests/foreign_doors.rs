@@ -1,4 +1,4 @@
-//! Somebody else's program at both ends: a source in ingest's place and consumers, the examples in Python and C++.
+//! External programs at both ends: a source in ingest's place and consumers, the examples in Python and C++.
 
 use std::collections::HashMap;
 
@@ -34,7 +34,7 @@ fn stands_in(source: &[String]) {
     for consumer in &mut consumers {
         consumer.wait_for_lines(3);
     }
-    // Its successor goes on behind the scans that were sent.
+    // The next source continues after the scans that were sent.
     let sources = run.children_with(source.last().expect("a word"));
     send_signal(sources[0], Signal::KILL);
     let run = run.finish();
@@ -57,7 +57,7 @@ fn stands_in(source: &[String]) {
         let mut whole = 0;
         for (sequence, objects) in &objects(&consumer.lines, "sequence") {
             let [expected, found]: [Vec<_>; 2] = [all[sequence], *objects].map(|o| points(o));
-            // The scan of its first frame was sent before it joined.
+            // The scan of its first frame was sent before the consumer joined.
             let is_gone = found == vec![Some(0); expected.len()];
             assert!(is_gone || found == expected, "{sequence}: {found:?}");
             whole += usize::from(!is_gone);

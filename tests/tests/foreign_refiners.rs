@@ -1,5 +1,5 @@
-//! Somebody else's program in the refiner's place: started by command, replaced by hand, outliving runs; and no message of
-//! it, however wrong, silences the pipeline.
+//! An external program in the refiner's place: started by command, replaced by hand, alive over several runs. No message from
+//! it, however wrong, stops the pipeline's output.
 
 use std::{process::Command, time::Duration};
 
@@ -9,7 +9,7 @@ use mluc_tests::{
 };
 use rustix::process::Signal;
 
-/// Those that are there.
+/// The example refiners that are installed.
 fn foreign_refiners() -> Vec<Vec<String>> {
     let examples = [python_example("refiner"), cpp_example("refiner")];
     examples.into_iter().flatten().collect()
@@ -41,7 +41,7 @@ fn a_killed_or_stopped_foreign_refiner_is_started_again() {
         run.wait_for_lines(3);
         let victim = run.children_with(command.last().unwrap());
         assert_eq!(victim.len(), 1, "{command:?}: {victim:?}");
-        // Three heartbeats: the supervisor knows that it has published.
+        // Three heartbeats: by then the supervisor knows that the refiner has published.
         std::thread::sleep(Duration::from_millis(300));
         send_signal(victim[0], signal);
         let run = setting.finish(run);
@@ -69,7 +69,7 @@ fn a_scan_that_kills_a_foreign_refiner_twice_is_set_aside() {
     assert!(!run.flags("000004").contains(&"empty"));
 }
 
-/// A pipeline whose refiner is started by hand: it makes the instance that the refiner joins.
+/// A pipeline whose refiner is started by hand: the pipeline creates the instance that the refiner joins.
 fn up_without_refiner(setting: &Setting, options: &str) -> Running {
     let mut run = setting.up(&format!("--without refiner {options}"));
     run.wait_for_words("refiner is left to you");
@@ -102,7 +102,7 @@ fn a_refiner_is_replaced_by_hand_while_the_others_run() {
     assert!(has_no_gap, "{sequences:?}");
 }
 
-/// One that stays joins run after run: the last messages of the run before are nobody's any more.
+/// A refiner that stays joins run after run: the last messages of the earlier run are not used.
 #[test]
 fn a_refiner_that_outlives_three_runs_loses_no_frame() {
     for command in foreign_refiners() {
@@ -121,7 +121,7 @@ fn a_refiner_that_outlives_three_runs_loses_no_frame() {
     }
 }
 
-/// Before each answer this one sends sequences that never were, that go back, and messages of another run, model and version.
+/// Before each answer this refiner sends sequences that were never sent or go back, and messages of another run, model and version.
 #[test]
 fn hostile_sequences_silence_nobody() {
     let Some(mut command) = python_script("tests/contract/tests/wrong_refiner.py") else {

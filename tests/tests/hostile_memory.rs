@@ -1,4 +1,4 @@
-//! Shared memory as it should not be: full, half-made, kept, rewritten after publication, or wanted by another user.
+//! Faulty shared memory: full, half-made, kept, rewritten after publication, or accessed by another user.
 
 use std::fs::{self, File};
 use std::os::unix::fs::{FileExt, MetadataExt};
@@ -11,7 +11,7 @@ use mluc_tests::{Running, Setting, leftovers, send_signal, skip};
 use procfs::process::{MMapPath, MemoryMap, Process};
 use rustix::process::{Signal, geteuid};
 
-/// A consumer of the pipeline's objects, who needs no model.
+/// A consumer of the pipeline's objects, which needs no model.
 fn consumer(setting: &Setting) -> (Shell, Input<Object>) {
     let shell = setting.observer();
     let input = shell.input(&Topic::OBJECTS).unwrap();
@@ -47,7 +47,7 @@ fn a_consumer_that_keeps_what_it_gets_stops_nobody() {
     finished.assert_says(&["0 lost", "stages restarted: 0"]);
 }
 
-/// Where the elements of a message lie: the file, and the place in it.
+/// Where the elements of a message are: the file and the offset in it.
 fn place<T: Payload>(shell: &Shell, message: &Message<T>) -> (File, u64) {
     let inode = shell.segment_of(message.elements()).expect("shared memory");
     let start = message.elements().as_ptr() as u64;
@@ -62,7 +62,7 @@ fn place<T: Payload>(shell: &Shell, message: &Message<T>) -> (File, u64) {
     (file, start - map.address.0)
 }
 
-/// Writes over messages that were published, for a second.
+/// Overwrites published messages for a second.
 fn rewrite<T: Payload>(shell: &Shell, input: &mut Input<T>) {
     let begun = Instant::now();
     let mut word = 1u64;
@@ -121,7 +121,7 @@ fn half_made_segments_hang_no_restart() {
     setting.stop(run);
 }
 
-/// `mluc up` with a /dev/shm of its own; `None`, said: that needs root.
+/// Runs `mluc up` with its own /dev/shm; `None`, with a message: that needs root.
 fn with_shared_memory(
     setting: &Setting,
     options: &str,
@@ -148,7 +148,7 @@ fn shared_memory_that_is_too_small_is_named_and_one_that_fills_up_later_harms_no
         finished.assert_ended(1, 0);
         finished.assert_says(&["MiB of shared memory", "--shm-size"]);
     }
-    // What is left is taken by somebody else once all stages run.
+    // Once all stages run, another process takes the remaining space.
     let fill = "(sleep 4; head -c 2G /dev/zero > /dev/shm/other) 2>/dev/null &";
     if let Some(mut run) = with_shared_memory(&setting, "--loop", "1g", fill) {
         run.wait_for_lines(1);
@@ -156,7 +156,7 @@ fn shared_memory_that_is_too_small_is_named_and_one_that_fills_up_later_harms_no
         run.wait_for_lines(20);
         run.stop().assert_says(&["stages restarted: 0"]);
     }
-    // Ingest's scans, which the refiner holds, and those of the next ingest have no room beside each other.
+    // There is no room for both the old ingest's scans, which the refiner keeps, and the scans of the next ingest.
     let name = &setting.instance;
     let kill = format!("(sleep 4; pkill -9 -f 'ingest --instance {name}') &");
     if let Some(mut run) = with_shared_memory(&setting, "--loop", "512m", &kill) {

@@ -1,11 +1,11 @@
-//! Reading real KITTI folders: every frame that `MLUC_KITTI` holds.
+//! Reads real KITTI folders: every frame in `MLUC_KITTI`.
 
 use mluc_dataset::Dataset;
 use mluc_geometry::{ImageSize, iou_2d};
 use mluc_tests::data_folder;
 
-/// Projected boxes of labels that lie wholly in the image must fall on the boxes that people drew there, and the
-/// points of a near car must lie in its box: both only hold when every step of the conversion is right.
+/// Projected boxes of labels that lie wholly in the image must match the boxes that people drew there, and the
+/// points of a near car must lie in its box: both are true only if every step of the conversion is right.
 #[test]
 fn real_labels_fall_on_their_image_boxes_and_points() {
     let Some(folder) = data_folder("MLUC_KITTI") else {

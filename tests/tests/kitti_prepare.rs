@@ -1,4 +1,4 @@
-//! A recorded benchmark in the trainer's form: the folder that the test writes, and real scans where `MLUC_KITTI` holds them.
+//! A recorded benchmark in the trainer's form: a folder that the test writes, and the real scans if `MLUC_KITTI` is set.
 
 use mluc_dataset::{Dataset, PrepareOptions, Splits, prepare};
 use mluc_tests::{data_folder, write_file};
@@ -14,7 +14,7 @@ const VAN: &str =
 const TRAM: &str =
     "Tram 0.00 0 0.00 100.00 150.00 300.00 200.00 3.50 2.50 16.00 -9.00 1.50 40.00 -1.57\n";
 
-/// A point in the car, one in the van, one beside the camera's view, one behind the sensor.
+/// A point in the car, one in the van, one outside the camera's view, one behind the sensor.
 const POINTS: [[f32; 4]; 4] = [
     [20.0, 0.0, -1.0, 0.5],
     [25.0, 6.0, -1.0, 0.5],
@@ -43,7 +43,7 @@ fn benchmark(folder: &Path) -> PathBuf {
     root
 }
 
-/// The split `train` of `root`, whose lists are in `lists` where that is given.
+/// The split `train` of `root`; its lists are in `lists` if that is given.
 fn options(root: &Path, lists: Option<&Path>, out: PathBuf) -> PrepareOptions {
     PrepareOptions {
         splits: Splits {
@@ -114,7 +114,7 @@ fn nothing_is_written_where_something_is_wrong() {
     assert!(fault(&options).contains("expected a new folder"));
 }
 
-/// On the real frames: what the camera sees of a scan is a sixth of it, every labelled object keeps its points.
+/// On the real frames: the camera sees a sixth of a scan, and every labelled object keeps its points.
 #[test]
 fn real_scans_keep_the_points_of_labelled_objects() {
     let Some(folder) = data_folder("MLUC_KITTI") else {

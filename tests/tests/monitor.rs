@@ -1,4 +1,4 @@
-//! `mluc monitor` and `mluc top` beside a running pipeline.
+//! `mluc monitor` and `mluc top` next to a running pipeline.
 
 use std::{io::Write, net::TcpStream, process::Command, time::Duration};
 
@@ -6,7 +6,7 @@ use mluc_tests::{Running, Setting, assert_has, mluc_program, wait_for};
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// The whole answer to a GET.
+/// The whole response to a GET.
 fn get(address: &str, path: &str) -> String {
     let mut client = TcpStream::connect(address).expect("listening");
     let request = format!("GET {path} HTTP/1.1\r\nHost: a\r\n\r\n");
@@ -39,7 +39,7 @@ fn consumers_that_are_killed_leave_room_for_others() {
 #[test]
 fn a_monitor_tells_how_the_pipeline_is_and_never_stops_it() {
     let setting = Setting::new("monitor", 3);
-    // Before there is a pipeline.
+    // The monitor starts before the pipeline.
     let (monitor, address) = monitor(&setting.instance);
     let ask = |path: &str| get(&address, path);
     assert_has(&ask("/readyz"), &["503", "no supervisor"]);
@@ -59,11 +59,11 @@ fn a_monitor_tells_how_the_pipeline_is_and_never_stops_it() {
     let has_results = status["status"]["frames_out"].as_u64() >= Some(1);
     assert!(has_results, "{status}");
 
-    // A client that says nothing is let go.
+    // The monitor drops a client that sends nothing.
     let silent = TcpStream::connect(&address).expect("listening");
     assert!(ask("/healthz").starts_with("HTTP/1.1 200"));
     drop(silent);
-    // A monitor that hangs stops nobody, and a supervisor that hangs is told.
+    // A monitor that hangs stops nothing. A supervisor that hangs is reported.
     monitor.signal(Signal::STOP);
     run.wait_for_lines(20);
     monitor.signal(Signal::CONT);

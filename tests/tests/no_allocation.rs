@@ -1,4 +1,4 @@
-//! After its first frame the way from points to detections takes no memory from the system: the guard, voxels, sparse and
+//! After its first frame the path from points to detections allocates no memory: the guard, voxels, sparse and
 //! bird's-eye layers, feature rows, heads, suppression, in every precision.
 
 use std::alloc::System;
@@ -13,7 +13,7 @@ use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
-/// Every request of any thread so far.
+/// The number of allocation requests of all threads so far.
 fn requests() -> usize {
     let stats = ALLOCATOR.stats();
     stats.allocations + stats.reallocations
@@ -25,7 +25,7 @@ fn manifest() -> Manifest {
     Manifest::untrained("allocation", Network::compact(grid, 3))
 }
 
-/// Points all over the range and a little beyond.
+/// Points over the whole range and a little beyond it.
 fn scan(points: usize, seed: &str) -> Vec<[f32; 4]> {
     let value = |index: usize, low: f64, high: f64| {
         (low + (high - low) * formula_uniform(seed, index)) as f32
@@ -36,18 +36,18 @@ fn scan(points: usize, seed: &str) -> Vec<[f32; 4]> {
     (0..points).map(point).collect()
 }
 
-// One test in this file: another one's requests would be counted.
+// The file has one test only: requests of another test would be counted, too.
 #[test]
 fn frames_after_the_first_take_no_memory() {
     let counted = requests();
     drop(std::hint::black_box(Box::new(1_u64)));
     assert!(requests() > counted, "it counts");
 
-    // Small before large: nothing may grow on the way.
+    // Small scans come before large ones: nothing may grow on the way.
     let sizes = [800, 300, 0, 6000, 40_000, 131_072, 2000];
     let scans = sizes.map(|points| scan(points, &points.to_string()));
     let manifest = manifest();
-    // By formula, with the ranges that int8 needs.
+    // Weights by formula, with the ranges that int8 needs.
     let weights = formula_weights(&manifest.network);
     let weights = measure_ranges(&manifest, &weights, [Ok(&scans[3])]).expect("values everywhere");
     for precision in Precision::ALL {
@@ -57,7 +57,7 @@ fn frames_after_the_first_take_no_memory() {
             let backbone = Backbone::with_precision(&manifest, &weights, precision);
             let mut backbone = backbone.expect("a model");
             let mut head = Head::new(&manifest, &weights).expect("a model");
-            // What shared memory is to the vehicle.
+            // These buffers take the place of shared memory.
             let cells_max: usize = backbone.map_shape().iter().product();
             let channels = backbone.feature_channels();
             let (mut cells, mut rows) = (vec![0; cells_max], vec![0.0; cells_max * channels]);
@@ -72,7 +72,7 @@ fn frames_after_the_first_take_no_memory() {
                 head.run(cells, rows, &mut detections).expect("rows");
                 boxes += detections.len();
             };
-            // All frames from within the pool: whoever enters it from outside pays for the entry.
+            // All frames run inside the pool: a thread that enters the pool from outside allocates.
             let taken = pool.install(|| {
                 frame(&scans[0]);
                 scans.each_ref().map(|scan| {

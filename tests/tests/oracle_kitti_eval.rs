@@ -1,4 +1,4 @@
-//! Average precision against KITTI's own object devkit (C++).
+//! Compares average precision with KITTI's own object devkit (C++).
 
 use mluc_evaluate::input::{Source, read};
 use mluc_evaluate::{RuleRequest, evaluate, rules};

@@ -1,7 +1,7 @@
-//! Recorded packets of real sensors against what other decoders made of them: one folder a sensor.
+//! Compares decoded packets of real sensors with the output of other decoders: one folder per sensor.
 //!
-//! `truth.pcd` holds one revolution by another decoder, cut where it likes: our points of one turn's time are compared with it by nearest neighbour, turned about
-//! z by the quarter turns that fit best (printed). `digest.json` holds md5 sums of an Ouster's range images.
+//! `truth.pcd` has one revolution from another decoder, cut at any angle: our points of one turn are compared with it by nearest neighbour, turned about
+//! z by the number of quarter turns that fits best (printed). `digest.json` has md5 sums of an Ouster's range images.
 
 use std::fs::{read, read_dir, read_to_string};
 use std::path::{Path, PathBuf};
@@ -16,14 +16,14 @@ use rstar::RTree;
 const NEAR_M: f32 = 0.02;
 const SHARE_MIN: f64 = 0.99;
 
-/// Time (ns) and place.
+/// A point's time (ns) and position.
 type Timed = (u64, [f32; 3]);
 
 fn capture(folder: &Path) -> Capture {
     Capture::open(folder.join("packets.pcap")).expect("a capture")
 }
 
-/// Every datagram of a capture, which is whole.
+/// Every datagram of a capture, which must be complete.
 fn each_datagram(folder: &Path, mut on: impl FnMut(&Datagram)) {
     let mut capture = capture(folder);
     while let Some(datagram) = capture.next_datagram().expect("readable") {
@@ -50,7 +50,7 @@ fn has(tree: &RTree<[f32; 3]>, point: [f32; 3], within_m: f32) -> bool {
     near.next().is_some()
 }
 
-/// Of some points those with one of the tree within [`NEAR_M`].
+/// The share of the points that have a point of the tree within [`NEAR_M`].
 fn share(tree: &RTree<[f32; 3]>, points: impl Iterator<Item = [f32; 3]>) -> f64 {
     let near: Vec<bool> = points.map(|point| has(tree, point, NEAR_M)).collect();
     let count = near.iter().filter(|is_near| **is_near).count();
@@ -61,7 +61,7 @@ fn turned([x, y, z]: [f32; 3], quarters: usize) -> [f32; 3] {
     [[x, y, z], [-y, x, z], [-x, -y, z], [y, -x, z]][quarters]
 }
 
-/// Shares of the truth's points with one of ours near, and the other way round; how ours was turned.
+/// The share of the truth's points with one of ours near, the reverse share, and the quarter turns of our points.
 fn compared(ours: &mut [Timed], turn_ns: u64, truth: &[[f32; 3]]) -> (f64, f64, usize) {
     let tree = RTree::bulk_load(truth.to_vec());
     let sample = |quarters| {
@@ -73,7 +73,7 @@ fn compared(ours: &mut [Timed], turn_ns: u64, truth: &[[f32; 3]]) -> (f64, f64, 
     ours.iter_mut()
         .for_each(|(_, point)| *point = turned(*point, quarters));
     ours.sort_by_key(|(ns, _)| *ns);
-    // The turn that is the truth's: the one with most points that are the same to 2 mm.
+    // The turn that matches the truth: the turn with most points that agree to 2 mm.
     let mut same = vec![0u32];
     for (_, point) in ours.iter() {
         same.push(same[same.len() - 1] + u32::from(has(&tree, *point, 0.002)));
@@ -82,7 +82,7 @@ fn compared(ours: &mut [Timed], turn_ns: u64, truth: &[[f32; 3]]) -> (f64, f64, 
     let found = |start: &usize| same[after(ours[*start].0 + turn_ns)] - same[*start];
     let starts = (0..ours.len()).step_by(97);
     let start = starts.max_by_key(found).expect("points");
-    // The other decoder cuts at an angle, not at a time: compare beyond the turn one way, within it the other way.
+    // The other decoder cuts at an angle, not at a time: one comparison extends beyond the turn, the reverse one stays within it.
     let (start_ns, edge_ns) = (ours[start].0, turn_ns / 20);
     let wide = after(start_ns.saturating_sub(edge_ns))..after(start_ns + turn_ns + edge_ns);
     let wide = RTree::bulk_load(ours[wide].iter().map(|(_, point)| *point).collect());
@@ -99,7 +99,7 @@ fn degree(point: &[f32; 3]) -> usize {
     (point[1].atan2(point[0]).to_degrees() + 180.0) as usize
 }
 
-/// Every range image of the digest, staggered, u32, row by row.
+/// Checks every range image of the digest: staggered, u32, row by row.
 fn check_digest(folder: &Path, metadata: &Metadata) {
     let digest = read_json(&folder.join("digest.json"));
     let scans = digest["scans"].as_array().expect("scans");
@@ -133,7 +133,7 @@ fn check_digest(folder: &Path, metadata: &Metadata) {
     assert!(frames.len() >= scans.len(), "{} frames", frames.len());
 }
 
-/// The file beside the packets and the answers.
+/// The calibration file in the folder of the packets and the answers.
 fn calibration(folder: &Path) -> Option<Calibration> {
     let answers = ["packets.pcap", "truth.pcd", "digest.json"].map(|name| folder.join(name));
     let entries = read_dir(folder).expect("a folder");

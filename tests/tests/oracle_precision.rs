@@ -1,4 +1,4 @@
-//! The paper's network in bf16 and int8 on the oracle's scans: how far the heads' outputs move from f32.
+//! The paper's network in bf16 and int8 on the oracle's scans: how much the heads' outputs differ from f32.
 
 use mluc_backbone::{Backbone, Precision};
 use mluc_head::Head;
@@ -8,7 +8,7 @@ use mluc_train::quantize::measure_ranges;
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
-/// Root mean square of the difference, of the root mean square in f32.
+/// Largest ratio of the difference's root mean square to the root mean square in f32.
 const ERROR_MAX: [(Precision, f64); 2] = [(Precision::Bf16, 0.02), (Precision::Int8, 0.05)];
 
 #[test]
@@ -21,12 +21,12 @@ fn head_outputs_of_second_stay_close_to_f32() -> Fallible {
 
 fn stays_close(frame: &PaperFrame) -> Fallible {
     let manifest = paper_network();
-    // Ranges of int8 from the scan turned left to right: one like it, and not the same.
+    // The ranges of int8 come from the mirrored scan (left to right), which is similar but not the same.
     let points = frame.points.iter();
     let turned: Vec<_> = points.map(|&[x, y, z, i]| [x, -y, z, i]).collect();
     let weights = measure_ranges(&manifest, &formula_weights(&manifest.network), [Ok(turned)])?;
     let head = Head::new(&manifest, &weights)?;
-    // On every cell of the map.
+    // Runs the heads on every cell of the map.
     let outputs = |precision| -> Fallible<Vec<Vec<f32>>> {
         let mut backbone = Backbone::with_precision(&manifest, &weights, precision)?;
         let empty = backbone.empty_rows()?;
@@ -43,7 +43,7 @@ fn stays_close(frame: &PaperFrame) -> Fallible {
             let error = rms(differences) / rms(expected.iter().copied());
             let title = format!("{} {precision} {name}", frame.name);
             println!("{title}: {:.2} %", 100.0 * error);
-            // None at all would mean that f32 was computed.
+            // An error of zero would mean that f32 was computed.
             let is_close = (1e-4..=error_max).contains(&error);
             assert!(is_close, "{title}: {error} of the rms");
         }

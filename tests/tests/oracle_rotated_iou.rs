@@ -1,15 +1,15 @@
-//! Rotated IoU against a polygon library's answers in f64.
+//! Compares rotated IoU with a polygon library's answers in f64.
 //!
-//! Polygon libraries can stumble over edges that only touch: the library's answer to one such pair is that it overlaps fully. So an answer is first held
-//! against a separating axis, which is a proof: where the footprints lie on two sides of a line, an overlap above the tolerance is impossible, and 0 is asked
-//! for instead. Such answers are counted and printed, and may be no more than one in a hundred.
+//! Polygon libraries can fail on edges that only touch: for one such pair the library reports full overlap. So each answer is first checked with a
+//! separating axis, which is a proof: if the footprints lie on two sides of a line, an overlap above the tolerance is impossible, and the test expects 0
+//! instead. Such answers are counted and printed, and may be no more than one in a hundred.
 
 use std::f64::consts::FRAC_PI_2;
 
 use mluc_geometry::{Box3, iou_3d, iou_bev};
 use mluc_tests::{oracle, read_json};
 
-/// Whether a line along a side of `a` or `b` has the two footprints on its two sides, to 1 nm.
+/// Whether a line along a side of `a` or `b` separates the two footprints, to 1 nm.
 fn separated(a: &Box3, b: &Box3) -> bool {
     let offset = [b.center_m[0] - a.center_m[0], b.center_m[1] - a.center_m[1]];
     let sides = [a.yaw_rad, b.yaw_rad].map(|yaw_rad| [yaw_rad, yaw_rad + FRAC_PI_2]);

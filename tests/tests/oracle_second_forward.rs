@@ -1,5 +1,5 @@
-//! The paper's network against an independent implementation: every level of every frame found, site counts exactly,
-//! sampled values within 1e-3 of the level's rms; once with every bird's-eye cell computed, once with the active ones.
+//! Compares the paper's network with an independent implementation: every level of every frame that exists, site counts exactly,
+//! sampled values within 1e-3 of the level's rms. It computes every bird's-eye cell once, then the active cells only.
 
 use std::collections::BTreeMap;
 
@@ -11,10 +11,10 @@ use serde::Deserialize;
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
-/// Of a level's rms.
+/// Tolerance as a share of a level's rms.
 const TOLERANCE: f64 = 1e-3;
 
-/// A level in the file of a frame.
+/// A level in a frame's file.
 #[derive(Deserialize)]
 struct Expected {
     sites: usize,
@@ -30,7 +30,7 @@ struct Sample {
     values: Vec<f64>,
 }
 
-/// A level as computed here: channels, the row of each site, and the values.
+/// A computed level: channels, the row of each site, and the values.
 type Found = (usize, BTreeMap<Vec<usize>, usize>, Vec<f32>);
 
 #[test]
@@ -76,7 +76,7 @@ fn read_answers(frame: &PaperFrame) -> Fallible<BTreeMap<String, Expected>> {
     Ok(named.collect())
 }
 
-/// `voxels (site = ...)` -> `voxels`; a block is known here by its last layer.
+/// `voxels (site = ...)` -> `voxels`; here a block has the name of its last layer.
 fn level_name(title: &str) -> String {
     let name = title.split(' ').next().unwrap_or_default();
     match name {
@@ -85,7 +85,7 @@ fn level_name(title: &str) -> String {
     }
 }
 
-/// Runs a frame and keeps every level of the backbone.
+/// Runs a frame and returns every level of the backbone.
 fn levels(
     backbone: &mut Backbone,
     points: &[[f32; 4]],

@@ -1,4 +1,4 @@
-//! The lines are what `docs/objects.schema.json` says.
+//! The output lines match `docs/objects.schema.json`.
 
 use std::sync::LazyLock;
 
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 static SCHEMA: LazyLock<Value> =
     LazyLock::new(|| read_json(&root().join("docs/objects.schema.json")));
 
-/// Holds a value against a part of the schema. Only what our schema uses of JSON Schema is known; anything else in it is an error.
+/// Checks a value against a part of the schema. It knows only the JSON Schema features that our schema uses; anything else is an error.
 fn check(schema: &Value, value: &Value, place: &str) -> Result<(), String> {
     for (keyword, wanted) in schema.as_object().ok_or("a schema is an object")? {
         match keyword.as_str() {

@@ -1,4 +1,4 @@
-//! Frames go through four processes and come out: all of them, in order, nothing copied, nothing left behind.
+//! All frames pass through four processes and come out in order; nothing is copied, nothing is left behind.
 
 use std::{process::Command, time::Duration};
 
@@ -58,7 +58,7 @@ fn frames_are_late_when_a_budget_is_set_and_passed_alone() {
 
 #[test]
 fn at_the_sensors_pace_frames_come_at_its_rate() {
-    // Slow enough for a loaded machine: a frame that is lost is another test's matter.
+    // The rate is slow enough for a loaded machine: other tests cover lost frames.
     let run = Setting::new("sensor", 10).run("--pace sensor --rate 4");
     let sequences = run.sequences();
     let (first, last) = (sequences[0], sequences[sequences.len() - 1]);
@@ -85,7 +85,7 @@ fn stages_start_in_any_order_and_say_what_they_wait_for() {
             std::thread::sleep(Duration::from_millis(100));
             (name, stage)
         });
-        // Ingest ends by itself, then the others are asked to.
+        // Ingest ends by itself, then the other stages are asked to end.
         stages.sort_by_key(|(name, _)| *name != "ingest");
         for (name, stage) in stages {
             if name != "ingest" {
@@ -107,7 +107,7 @@ fn stages_start_in_any_order_and_say_what_they_wait_for() {
     let _head = says("head", "waiting for features: no producer is running");
 }
 
-/// Each stage looks up every payload that it is given in its own `/proc/self/maps`; the bytes that cross shared memory are counted.
+/// Each stage looks up every payload that it gets in its own `/proc/self/maps`; the bytes that cross shared memory are counted.
 #[test]
 fn payloads_are_read_where_they_lie_and_written_once() {
     let scan_bytes = car_scan(8.0).len() as u64 * 16;
@@ -125,7 +125,7 @@ fn payloads_are_read_where_they_lie_and_written_once() {
     let written = |health: &mluc_ipc_types::Health| u64::from(health.bytes_written);
     assert_eq!(written(&ingest), scan_bytes, "the scan enters once");
     assert_eq!(backbone.bytes_read, scan_bytes, "and is read in full");
-    // The head reads what the backbone wrote.
+    // The head reads what the backbone has written.
     assert_eq!(head.bytes_read, written(&backbone));
     assert_eq!(refiner.bytes_read, scan_bytes + written(&head));
     for stage in [backbone, head, refiner] {

@@ -10,7 +10,7 @@ fn all_stages_take_new_thresholds_from_one_frame_on_and_wrong_ones_change_nothin
     let setting = Setting::new("reload", 3);
     let mut run = setting.up(&format!("--loop {}", setting.config("")));
     run.wait_for_lines(1);
-    // The last ones: no candidates, and no known object published.
+    // The last two cases leave no candidates and no published known object.
     for (text, code, words) in [
         ("min_score = 2.0", 2, "min_score must be 0 to 1, found 2"),
         ("unknown_min = 0.5", 2, "unknown_min: expected a model with"),
@@ -56,13 +56,13 @@ fn another_model_takes_over_between_two_frames_and_one_that_does_not_fit_changes
         put(name);
         let before = run.line_count();
         let asked = Running::mluc(["reload", "--instance", &setting.instance]).finish();
-        // The others have a larger map, or more classes.
+        // The other models have a larger map, or more classes.
         let code = if name.contains("kitti") { 0 } else { 2 };
         assert_eq!(asked.code, Some(code), "{name}: {}", asked.log);
-        // Frames went on coming while the model was loaded.
+        // Frames still came while the model was loaded.
         assert!(code == 2 || run.line_count() >= before + 3, "{}", run.log());
     }
-    // Whatever the files of model and program have become.
+    // A restarted stage works even though the files of model and program have changed or are gone.
     send_signal(run.stage("head"), Signal::KILL);
     run.wait_for_lines(5);
     let run = setting.stop(run);
@@ -70,7 +70,7 @@ fn another_model_takes_over_between_two_frames_and_one_that_does_not_fit_changes
     let mut models: Vec<_> = run.lines.iter().map(|line| &line["model"]).collect();
     models.dedup();
     assert_eq!(models, [models[0], models[1], models[0], models[1]]);
-    // A scan has the same objects wherever the same model computed it: no frame is of two.
+    // The same model always gives the same objects for a scan: no frame mixes two models.
     let mut objects = HashMap::new();
     for line in &run.lines {
         let frame = ["frame", "model"].map(|key| line[key].as_str());

@@ -17,7 +17,7 @@ fn a_recording_with_stages_is_replayed_from_each_of_them() {
     };
     let replay = |path: &str, options: &str| setting.replay(path, options);
     let path = record("stages.mcap", "--stages");
-    // A replay has an end whatever the file says.
+    // A replay ends even if the configuration says `loop = true`.
     let config = setting.config("loop = true");
     let model = format!("--model {} {config}", setting.model.display());
     for from in ["", "--from head", "--from refiner"] {
@@ -25,7 +25,7 @@ fn a_recording_with_stages_is_replayed_from_each_of_them() {
         same.assert_ended(0, 0);
         same.assert_says(&[" with the recorded objects, 0 with others"]);
     }
-    // Parts: together they are the whole.
+    // The parts together are the whole recording.
     let scans = |finished: &Finished| -> u64 {
         let told = finished.log.split_once(" with the recorded objects");
         let count = told.and_then(|(head, _)| head.rsplit(' ').next()?.parse().ok());
@@ -36,12 +36,12 @@ fn a_recording_with_stages_is_replayed_from_each_of_them() {
     let parts = [0, 1, 2].map(|i| scans(&part(i)));
     assert_eq!(parts.iter().sum::<u64>(), whole, "{parts:?}");
     assert!(parts.iter().all(|part| *part < whole), "{parts:?}");
-    // Without the gate all boxes are known. It is the head's: with recorded detections it has no say.
+    // Without the gate all boxes are known. The gate belongs to the head, so it does not affect recorded detections.
     for (from, code) in [("head", 1), ("refiner", 0)] {
         let other = replay(&path, &format!("{model} --from {from} --lambda 0"));
         assert_eq!(other.code, Some(code), "{from}: {}", other.log);
     }
-    // Thresholds of the refiner have.
+    // Thresholds of the refiner do affect them.
     let other = replay(&path, &format!("{model} --from refiner --min-score 0.99"));
     assert_eq!(other.code, Some(1), "{}", other.log);
     let other_model = replay(&path, "--from refiner --model any");

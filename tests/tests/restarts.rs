@@ -1,4 +1,4 @@
-//! Stages die and come back; everything ends when asked, and leaves nothing.
+//! Stages die and are restarted; everything ends when asked, and leaves nothing.
 
 use std::time::{Duration, Instant};
 
@@ -9,13 +9,13 @@ use rustix::process::Signal;
 
 const SECOND: Duration = Duration::from_secs(1);
 
-/// Each stage is hit once by the signal, and gets a new process.
+/// The signal hits each stage once, and each stage gets a new process.
 fn each_stage_is_replaced(signal: Signal, label: &str) -> Finished {
     let setting = Setting::new(label, 400);
     let mut run = setting.up("");
     for stage in ["backbone", "head", "refiner", "ingest"] {
         run.wait_for_lines(3);
-        // Three heartbeats: the supervisor knows that it has published.
+        // Three heartbeats: by then the supervisor knows that the stage has published.
         std::thread::sleep(Duration::from_millis(300));
         run.replace(stage, signal);
     }
@@ -109,7 +109,7 @@ fn an_ingest_of_somebody_else_goes_on_behind_the_one_before_it_and_ends_the_run_
     }
     let run = setting.stop(run);
     run.assert_complete(0, run.lines.len() as u64);
-    // With its input a run ends.
+    // A run ends when its input ends.
     let run = setting.up("--without ingest");
     let _ingest = setting.stage("ingest", &setting.instance);
     setting.finish(run).assert_complete(0, 3);
@@ -119,7 +119,7 @@ fn an_ingest_of_somebody_else_goes_on_behind_the_one_before_it_and_ends_the_run_
 fn an_ingest_that_is_asked_to_end_before_it_knows_its_run_says_so() {
     let setting = Setting::new("early", 1);
     let instance = Instance::new(&setting.instance).expect("a name");
-    // It has begun the run, and does not describe it.
+    // This shell has begun the run, but does not describe it.
     let other = Shell::observer(&instance, Some("run"), Shutdown::default()).expect("alone");
     let mut watch = other.health_watch().expect("it runs");
     let mut heard = || watch.update().expect("it runs")[0];
@@ -130,7 +130,7 @@ fn an_ingest_that_is_asked_to_end_before_it_knows_its_run_says_so() {
     assert_eq!(last.reason(), Health::ASKED_TO_END);
 }
 
-/// From the signal to the end of everything.
+/// Time from the signal until everything has ended.
 fn time_to_end(signal: Signal, pace: &str) -> Duration {
     let setting = Setting::new("term", 3);
     let mut run = setting.up(&format!("--pace {pace} --loop"));
@@ -149,7 +149,7 @@ fn time_to_end(signal: Signal, pace: &str) -> Duration {
 #[test]
 fn a_signal_ends_all_within_a_second_and_leaves_nothing() {
     for (signal, pace) in [(Signal::TERM, "complete"), (Signal::INT, "sensor")] {
-        // Tests run beside each other on few cores: the best of three tells what the program needs by itself.
+        // Tests run in parallel on few cores: the best of three shows the time that the program itself needs.
         let is_quick = (0..3).any(|_| time_to_end(signal, pace) < SECOND);
         assert!(is_quick, "three ends took longer than a second");
     }
@@ -172,7 +172,7 @@ fn a_crash_of_everything_is_wiped_by_the_next_start() {
     let setting = Setting::new("crash", 2);
     let mut run = setting.up("--loop");
     run.wait_for_lines(2);
-    // The supervisor must not see its stages die.
+    // The supervisor is stopped, so that it cannot see its stages die.
     run.signal(Signal::STOP);
     let stages = run.stages();
     for (_, pid) in &stages {
@@ -180,7 +180,7 @@ fn a_crash_of_everything_is_wiped_by_the_next_start() {
     }
     run.signal(Signal::KILL);
     drop(run);
-    // A killed process holds its lock until the kernel has taken its memory back.
+    // A killed process keeps its lock until the kernel has freed its memory.
     let all_dead = || !stages.iter().any(|(_, pid)| is_alive(*pid));
     assert!(wait_for(10 * SECOND, all_dead), "{stages:?}");
     let leaves_files = !leftovers(&setting.instance).is_empty();

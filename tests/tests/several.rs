@@ -1,16 +1,16 @@
-//! Several LiDARs as one frame: halves of scans give the objects of the whole ones; without a sensor the frames go on.
+//! Several LiDARs as one frame: half scans together give the objects of the whole scans; without one sensor the frames continue.
 
 use mluc_dataset::scan_bytes;
 use mluc_tests::{Finished, Running, Setting, root, write_file};
 use serde_json::Value;
 
-/// The second one hangs upside down, and looks to the left.
+/// The second LiDAR hangs upside down and faces left.
 const LIDARS: &str = include_str!("several/lidars.toml");
 
-/// The program's own scans whole, and split between two sensors; the second one has no third scan.
+/// The program's own scans whole, and split between two sensors; the second sensor has no third scan.
 fn write_scans(setting: &Setting) {
     let folder = setting.folder.path();
-    // A point of the first sensor as the second one sees it.
+    // A point of the first sensor in the coordinates of the second one.
     let in_rear = |&[x, y, z, intensity]: &[f32; 4]| [y - 0.5, x + 1.5, -z - 0.25, intensity];
     for name in ["000010", "000080", "000209", "000380"] {
         let path = root().join(format!("services/mluc/assets/{name}.bin.zst"));

@@ -1,4 +1,4 @@
-//! What a consumer is told when no objects come: nothing there, blind, late, or stopped.
+//! What the status tells a consumer when no objects come: nothing is there, the sensor is blind, results are late, or the pipeline has stopped.
 
 use std::{process::Command, time::Duration};
 
@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Waits for a status.
+/// Waits for a status that fulfils `is_it`.
 #[track_caller]
 fn wait(run: &Running, watch: &mut StatusWatch, is_it: impl Fn(&Status) -> bool) -> Status {
     let mut last = None;
@@ -67,7 +67,7 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
     let stopped = wait(&run, &mut watch, is(StatusState::Stopped));
     assert!(stopped.age_ns > 2_000_000_000, "{stopped:?}");
     assert_eq!(stopped.reason(), "no results come: refiner is silent");
-    // By the clock: first a warning, then an error.
+    // The limits depend on time: first a warning comes, then an error.
     for words in ["WARN", "ERROR"] {
         run.wait_until("the stage's budget is judged", |run| {
             let log = run.log();
@@ -95,7 +95,7 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
     let is_frame = |line: &&Value| line.get("status").is_none();
     let frames: Vec<&Value> = run.lines.iter().filter(is_frame).collect();
     assert_eq!(frames.len(), run.sequences().len());
-    // What the status says was dropped is what is missing on stdout and not in work at the end.
+    // Dropped frames in the status are those that are missing on stdout and not in work at the end.
     let last = &run.lines.last().expect("lines")["status"];
     let [taken, out, dropped] = ["in", "out", "dropped"].map(|way| {
         let count = last[format!("frames_{way}")].as_u64();
@@ -111,7 +111,7 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
 fn a_covered_direction_a_covered_sensor_and_nothing_there_are_told_apart() {
     let setting = Setting::new("blind", 0);
     let whole = car_scan(9.0);
-    // The first sector to the right of ahead.
+    // The first sector to the right of straight ahead.
     let covered = |p: &&[f32; 4]| !(-0.17..0.0).contains(&p[1].atan2(p[0]));
     let covered: Vec<[f32; 4]> = whole.iter().filter(covered).copied().collect();
     for number in 0..70 {
@@ -197,7 +197,7 @@ fn what_a_stage_may_not_have_is_one_warning_and_what_it_may_have_holds() {
     ] {
         assert_eq!(warnings(words), usize::from(!has_it), "{}", run.log);
     }
-    // The same of a stage that is started alone.
+    // The same warning for a stage that is started alone.
     let (model, instance) = (setting.model.display(), &setting.instance);
     let words = format!("stage head {config} --model {model} --instance {instance}");
     let mut alone = Running::mluc(words.split_whitespace());

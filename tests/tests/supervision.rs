@@ -1,4 +1,4 @@
-//! The supervisor: whatever the reader of its lines does, however it is asked to end, and however it ended before.
+//! The supervisor, with any behaviour of the reader of its lines, any way to end it, and any way in which it ended before.
 
 use std::io::{PipeReader, PipeWriter, Write};
 use std::time::{Duration, Instant};
@@ -9,10 +9,10 @@ use mluc_tests::{Running, Setting, assert_has, is_alive, leftovers, send_signal,
 use rustix::process::Signal;
 
 const SECOND: Duration = Duration::from_secs(1);
-/// What a pipe holds.
+/// The capacity of a pipe.
 const PIPE_BYTES: usize = 1 << 16;
 
-/// A pipe that takes nothing before it is read.
+/// A pipe that is full until it is read.
 fn full_pipe() -> (PipeReader, PipeWriter) {
     let (reader, mut writer) = std::io::pipe().expect("a pipe");
     let filled = writer.write_all(&[b'\n'; PIPE_BYTES]);
@@ -24,7 +24,7 @@ fn full_pipe() -> (PipeReader, PipeWriter) {
 fn a_reader_that_stands_still_stops_no_restart_and_gets_every_line_at_pace_complete() {
     let setting = Setting::new("stalled", 80);
     let options = setting.config("restart_limit = 1");
-    // Ended from outside a stage comes back; dying by itself it ends the run, with 32 lines that wait.
+    // A stage ended from outside is restarted. A stage that dies by itself ends the run, with 32 lines waiting.
     for (signal, words, code, least) in [
         (Signal::TERM, "restart in", 3, 80),
         (Signal::ABORT, "ended: signal", 1, 32),
@@ -33,7 +33,7 @@ fn a_reader_that_stands_still_stops_no_restart_and_gets_every_line_at_pace_compl
         let mut command = setting.up_command(&options);
         let mut run = Running::start_into(&mut command, writer.into(), Stdio::piped());
         drop(command);
-        // The supervisor has stopped ingest, because it has enough lines.
+        // The supervisor has paused ingest, because enough lines are waiting.
         run.wait_for_health(&setting.instance, "ingest waits", |watch| {
             let ingest = watch.of(Stage::Ingest);
             ingest.is_some_and(|health| health.reason().contains("reader of the lines"))
@@ -82,7 +82,7 @@ fn a_log_that_nobody_reads_stops_no_restart_and_says_what_was_lost() {
     run.replace("refiner", Signal::KILL);
     run.wait_for_lines(3);
     let read = std::thread::spawn(|| std::io::read_to_string(reader));
-    // Reading begins.
+    // Now the reader starts.
     std::thread::sleep(SECOND);
     setting.stop(run);
     let log = read.join().expect("no panic").expect("read");
@@ -165,7 +165,7 @@ fn a_supervisor_that_is_stopped_is_no_predecessor_and_goes_on_afterwards() {
     second.assert_says(&[&setting.instance, &first.pid().to_string()]);
     first.signal(Signal::CONT);
     first.wait_for_lines(5);
-    // No stage was silent while its supervisor looked.
+    // The supervisor saw no silent stage.
     setting.stop(first).assert_says(&["stages restarted: 0"]);
 }
 
@@ -187,7 +187,7 @@ fn of_two_starts_at_once_one_runs() {
     assert!(wait_for(SECOND, || leftovers(&setting.instance).is_empty()));
 }
 
-/// What systemd would hear of a service of `Type=notify` with `WatchdogSec=1`.
+/// The messages that systemd gets from a service of `Type=notify` with `WatchdogSec=1`.
 #[test]
 fn a_service_manager_hears_that_the_run_is_ready_lives_and_ends() {
     let setting = Setting::new("notify", 2);

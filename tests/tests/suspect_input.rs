@@ -1,18 +1,18 @@
-//! Scans that are not what the model takes: the flags of their lines, the log, and what `mluc doctor` says.
+//! Scans that the model does not accept: the flags of their lines, the log, and the report of `mluc doctor`.
 
 use mluc_tests::{Running, Setting, car_scan};
 
 #[test]
 fn a_low_sensor_is_flagged_logged_and_diagnosed_with_the_remedy() {
     let setting = Setting::new("suspect", 0);
-    // The model takes 1.23 to 2.23 m; these are of a sensor 0.73 m above the ground.
+    // The model accepts 1.23 to 2.23 m; these scans are of a sensor 0.73 m above the ground.
     for number in 0..4 {
         let mut points = car_scan(9.0 + number as f32);
         points.iter_mut().for_each(|point| point[2] += 1.0);
         setting.write_scan(&format!("{number:06}"), &points);
     }
     let mut run = setting.up("--loop");
-    // With each frame, not only when the verdict changes.
+    // The reason comes with each frame, not only when the verdict changes.
     run.wait_for_health(&setting.instance, "ingest says why", |watch| {
         let ingest = watch.of(mluc_ipc_types::Stage::Ingest);
         ingest.is_some_and(|h| h.frames_out > 1 && h.reason().starts_with("suspect input: "))

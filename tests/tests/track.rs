@@ -1,4 +1,4 @@
-//! `--track`: an unknown object waits for its third sighting and keeps its number; known objects wait for nothing.
+//! `--track`: an unknown object waits for its third sighting and keeps its number; known objects do not wait.
 
 use std::collections::BTreeSet;
 
@@ -17,15 +17,15 @@ fn tracks(objects: &[&Value]) -> BTreeSet<u64> {
 
 #[test]
 fn unknown_objects_wait_for_their_third_sighting_and_known_ones_do_not() {
-    // The same scan six times, and a sensor that stands still.
+    // The same scan six times, from a sensor that stands still.
     let setting = Setting::new("track", 0);
     for number in 0..6 {
         setting.write_scan(&format!("{number:06}"), &car_scan(9.0));
     }
     let poses = "5 1 0 0.3\n".repeat(6);
     std::fs::write(setting.input.join("poses.txt"), poses).unwrap();
-    let plain = setting.run("--refiner-mode none");
-    let tracked = setting.run("--refiner-mode none --track");
+    let plain = setting.run("--refiner-variant none");
+    let tracked = setting.run("--refiner-variant none --track");
     tracked.assert_ended(0, 6);
     let unknown = of_kind(&plain.lines[0]["objects"], "unknown").len();
     assert!(unknown > 0, "the untrained model has no candidates");

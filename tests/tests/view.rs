@@ -1,4 +1,4 @@
-//! `mluc record` and `mluc view` beside a running pipeline, read by other people's packages (`view/check.py`).
+//! `mluc record` and `mluc view` next to a running pipeline; packages of other projects read their output (`view/check.py`).
 
 use std::process::Command;
 
@@ -17,14 +17,14 @@ fn a_recording_and_a_socket_tell_what_the_pipeline_told() {
         assert_eq!(checked.code, Some(0), "{}", checked.log);
     };
     let setting = Setting::new("view", 4);
-    // Before there is a pipeline.
+    // Both programs start before the pipeline.
     let (record, out) = setting.start_record("run.mcap", "");
     let mut view = Command::new(mluc_program());
     view.args("view --port 0 --log-format json".split(' '));
     let mut view = Running::start(view.env("MLUC_INSTANCE", &setting.instance));
     let address = view.wait_for_address("is the page");
 
-    // Both outlive a pipeline.
+    // Both programs outlive a pipeline.
     let mut lines = String::new();
     for _ in 0..2 {
         let config = setting.config("[sensor]\nextrinsics = [0.5, 0.0, 1.0, 0.0, 0.0, 0.0]\n");
@@ -34,7 +34,7 @@ fn a_recording_and_a_socket_tell_what_the_pipeline_told() {
         let run = run.stop();
         lines.extend(run.lines.iter().map(|line| format!("{line}\n")));
     }
-    // Eight at each pipeline: a page and a protocol of elsewhere, no HTTP, four texts and bytes that are no wish.
+    // Eight per pipeline: another site's page, another protocol, a request that is no HTTP, four texts and bytes that are no valid request.
     view.stop()
         .assert_says(&["a binary message", r#""refused":"16""#]);
     record.signal(Signal::TERM);
@@ -52,7 +52,7 @@ fn a_recording_and_a_socket_tell_what_the_pipeline_told() {
         count += u64::from(next == Next::Scan);
     }
     assert!(count >= 6, "{count} scans");
-    // The same objects again, and others where a threshold is another.
+    // A replay gives the same objects, and other objects with another threshold.
     let model = setting.model.display();
     let replay = |options: &str| setting.replay(&out, &format!("--model {model} {options}"));
     let same = replay("");

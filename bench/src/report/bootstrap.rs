@@ -1,14 +1,14 @@
-//! How far a statistic of a run would scatter, by resampling blocks of consecutive frames.
+//! Estimates the scatter of a run's statistic by resampling blocks of consecutive frames.
 //!
-//! Neighbouring frames share their disposition (a busy neighbour process lasts longer than a frame), so single frames must not be
+//! Neighbouring frames are correlated (a busy neighbour process lasts longer than a frame), so single frames must not be
 //! drawn: the interval would be far too narrow. Drawing whole blocks keeps that dependence (circular block bootstrap, Politis and
-//! Romano 1992). Blocks are a tenth of a round, so that slow drift inside of a run widens the interval as well.
+//! Romano 1992). Blocks are a tenth of a round, so that slow drift within a run widens the interval as well.
 
 use mluc_geometry::{Random, mean_and_spread, resample};
 
 /// Blocks that make up a round; the degrees of freedom of the interval come from it.
 const BLOCKS_PER_ROUND: usize = 10;
-/// Rounds from which whole rounds are drawn too: then the scatter between starts of the processes counts.
+/// From this number of rounds on, whole rounds are drawn too: the interval then includes the scatter between process starts.
 const ROUNDS_MIN: usize = 4;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,7 +18,7 @@ pub(crate) enum Statistic {
 }
 
 impl Statistic {
-    /// Of values in any order, which are reordered; 0 without any.
+    /// The statistic of values in any order, which are reordered; 0 without values.
     pub(crate) fn of(self, values: &mut [f64]) -> f64 {
         match self {
             _ if values.is_empty() => 0.0,
@@ -30,7 +30,7 @@ impl Statistic {
         }
     }
 
-    /// Values that must be there before the statistic means something: five beyond the quantile.
+    /// Number of values that the statistic needs to be meaningful: five beyond the quantile.
     pub(crate) fn values_min(self) -> usize {
         match self {
             Statistic::Mean => 1,
@@ -41,11 +41,11 @@ impl Statistic {
 
 /// A statistic over resamples.
 pub(crate) struct Scatter {
-    /// Of the values as they are.
+    /// The statistic of the original values.
     pub(crate) value: f64,
     resampled: Vec<f64>,
     blocks: usize,
-    /// Whole rounds were drawn: the scatter between starts is in it.
+    /// Whole rounds were drawn: the scatter between starts is included.
     by_round: bool,
 }
 
@@ -91,7 +91,7 @@ pub(crate) fn interval(runs: [&Scatter; 2], confidence: f64, start_scatter: f64)
     let difference = b.value - a.value;
     let pairs = a.resampled.iter().zip(&b.resampled);
     let [_, spread] = mean_and_spread(&pairs.map(|(a, b)| b - a).collect::<Vec<_>>());
-    // Resampling k blocks gives k-1 / k of the variance.
+    // Resampling k blocks gives (k - 1) / k of the variance.
     let fewest = a.blocks.min(b.blocks).max(2) as f64;
     let seen = spread.powi(2) * fewest / (fewest - 1.0);
     let one_start = runs.into_iter().filter(|run| !run.by_round);

@@ -10,7 +10,7 @@ use super::series::{Series, series};
 
 const WIDTH_PX: u32 = 980;
 const FONT: (&str, u32) = ("sans-serif", 12);
-/// By stage: told apart with the usual colour blindnesses.
+/// One colour per stage, distinct for readers with common colour blindness.
 const STAGE_COLORS: [RGBColor; 4] = [
     RGBColor(125, 133, 144),
     RGBColor(47, 126, 216),
@@ -20,20 +20,20 @@ const STAGE_COLORS: [RGBColor; 4] = [
 const TOTAL_COLOR: RGBColor = RGBColor(130, 80, 223);
 const ALARM_COLOR: RGBColor = RGBColor(209, 36, 47);
 const PALE_COLOR: RGBColor = RGBColor(185, 192, 201);
-/// More dots than this are thinned: a page stays small; dropped frames are never left out.
+/// Above this number, dots are left out to keep the page small; dropped frames are never left out.
 const DOTS_MAX: usize = 4000;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
-/// An SVG that stands in a page; empty where it cannot be drawn.
+/// An SVG for embedding in a page; empty if it cannot be drawn.
 fn svg(height_px: u32, draw: impl FnOnce(&Area) -> Drawn) -> String {
     let mut text = String::new();
     let root = SVGBackend::with_string(&mut text, (WIDTH_PX, height_px)).into_drawing_area();
     let drawn = root.fill(&WHITE).and_then(|()| draw(&root));
     let is_drawn = drawn.and_then(|()| root.present()).is_ok();
     drop(root);
-    // Within HTML the namespace goes without saying.
+    // HTML does not need the namespace.
     let text = text.replace(" xmlns=\"http://www.w3.org/2000/svg\"", "");
     if is_drawn { text } else { String::new() }
 }
@@ -90,10 +90,10 @@ fn round_starts_s(frames: &[FrameRecord]) -> Vec<f64> {
     starts_s
 }
 
-/// Lanes of a frame: its name, one a stage, a gap.
+/// Lanes per frame: its name, one per stage, a gap.
 const LANES: f64 = 5.5;
 
-/// The median frame and the slowest ones of those that came out, on one scale: a lane a stage, waiting pale, computing full.
+/// The median frame and the slowest delivered frames on one scale: one lane per stage, waiting in a pale colour, computing in full colour.
 pub(crate) fn waterfall(frames: &[FrameRecord]) -> String {
     let measured = frames.iter().filter(|frame| !frame.is_warm_up);
     let mut out: Vec<(f64, &FrameRecord)> = measured
@@ -109,7 +109,7 @@ pub(crate) fn waterfall(frames: &[FrameRecord]) -> String {
     let chosen: Vec<_> = [("median", median)].into_iter().chain(slowest).collect();
     let lanes = LANES * chosen.len() as f64;
     svg(50 + 18 * lanes as u32, |root| {
-        // Room for the words beside the longest bar.
+        // Leaves room for the text next to the longest bar.
         let mut chart = ChartBuilder::on(root)
             .margin(10)
             .x_label_area_size(36)
@@ -143,12 +143,12 @@ pub(crate) fn waterfall(frames: &[FrameRecord]) -> String {
     })
 }
 
-/// A time's place on a logarithmic axis of ms; below 1 us is 1 us.
+/// Position of a time on a logarithmic axis in ms; times below 1 us count as 1 us.
 fn log_ms(us: f64) -> f64 {
     (us.max(1.0) / 1000.0).log10()
 }
 
-/// To the right the rarer frames, each step ten times as rare, up to p99.9.
+/// Percentile curves: each step to the right shows frames ten times as rare, up to p99.9.
 pub(crate) fn percentile_curves(series: &Series) -> String {
     let runs_us = series.run_us.iter().zip(STAGES).zip(STAGE_COLORS);
     let runs_us = runs_us.map(|((us, name), color)| (name, color, us));

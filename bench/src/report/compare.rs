@@ -1,4 +1,4 @@
-//! Whether two runs differ, or whether it is noise.
+//! Decides whether two runs differ or whether the difference is noise.
 
 use anyhow::{Result, ensure};
 use mluc_geometry::Random;
@@ -10,35 +10,35 @@ use super::frame::{FrameRecord, STAGES, measured};
 use super::page::render;
 use super::series::{Series, series};
 
-/// With this probability none of the intervals misses, all rows together.
+/// Family-wise confidence: the probability that no row's interval misses the true difference.
 const CONFIDENCE: f64 = 0.95;
 /// Draws of the bootstrap, and their seed.
 const RESAMPLES: usize = 1000;
 const SEED: u64 = 1;
-/// Of a quiet machine: where pages lie, which core a thread got. Measured over starts: 1 to 2 %.
+/// Relative scatter between starts on a quiet machine: placement of pages and threads differs. Measured over starts: 1 to 2 %.
 const START_SCATTER: f64 = 0.015;
-/// What other work adds, all cores busy with it: neighbours in the caches and on the memory bus differ from run to run.
+/// Scatter that other work adds if it keeps all cores busy: contention for caches and the memory bus differs between runs.
 /// Measured with two thirds of the cores taken: 6 % end to end.
 const START_SCATTER_BUSY: f64 = 0.12;
-/// Fewer frames than this say nothing.
+/// Fewest measured frames for a comparison.
 const FRAMES_MIN: usize = 20;
-/// Times below this are the scatter of a wake-up, whatever their share, us.
+/// A difference of times below this is wake-up scatter, whatever its share, us.
 const MARGIN_US: f64 = 10.0;
-/// Of the whole frame: nobody acts on a stage that takes so much more or less of it.
+/// A difference of times below this share of a frame's latency is noise: nobody acts on it.
 const MARGIN_OF_FRAME: f64 = 0.005;
 /// Dropped frames: below this share no difference is reported.
 const MARGIN_DROPPED: f64 = 0.01;
 
-/// A difference below this share of the figure is noise to whoever decides, however sure it is.
+/// A difference below this share of the figure counts as noise, however certain it is.
 const MARGIN: f64 = 0.02;
 
-/// What a row says of B against A.
+/// Verdict of a row: B versus A.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Verdict {
     /// The interval of the difference reaches into the margin around 0.
     Noise,
-    /// B is surely lower.
+    /// B is lower: the whole interval lies below the margin around 0.
     Lower,
     Higher,
     /// Too few frames lie beyond this quantile.
@@ -63,7 +63,7 @@ pub(crate) struct Comparison {
     /// Measured frames of A and B.
     pub(crate) frames: [usize; 2],
     pub(crate) rows: Vec<Row>,
-    /// No row says otherwise.
+    /// No row's verdict is lower or higher.
     pub(crate) is_equal: bool,
 }
 
@@ -74,8 +74,8 @@ struct Figure {
     rounds: [Vec<Vec<f64>>; 2],
 }
 
-/// Judges B against A by their measured frames, each in the order of rounds and sequences. `others`: share of all cores that other processes took during the
-/// runs; where a report holds fewer than four starts, the scatter between two starts of the same program follows from it.
+/// Compares B with A by their measured frames, each in the order of rounds and sequences. `others`: share of all cores that other processes took in the
+/// runs; it sets the assumed scatter between two starts of the same program for a report with fewer than four starts.
 pub(crate) fn compare(runs: [&[FrameRecord]; 2], others: f64) -> Result<Comparison> {
     let runs = runs.map(measured);
     let frames = runs.each_ref().map(Vec::len);
@@ -90,7 +90,7 @@ pub(crate) fn compare(runs: [&[FrameRecord]; 2], others: f64) -> Result<Comparis
     });
     let figures = figures(&rounds);
     let judged = figures.iter().filter(|figure| figure.is_enough()).count();
-    // Bonferroni: with so many rows one would stray by chance.
+    // Bonferroni correction: with this many rows, one would differ by chance.
     let confidence = 1.0 - (1.0 - CONFIDENCE) / judged.max(1) as f64;
     let mut random = Random::from_state(SEED);
     let judge = |figure: Figure| figure.judge(confidence, others, &mut random);
@@ -190,7 +190,7 @@ impl Comparison {
     }
 }
 
-/// For a terminal: the rows, the sentence, and what makes it weak.
+/// The comparison for a terminal: the rows, the verdict as a sentence, and what weakens it.
 pub(crate) fn comparison_table(value: Value) -> Result<String> {
     render("comparison.txt", include_str!("comparison.txt"), value)
 }

@@ -1,4 +1,4 @@
-//! The table of frames: every frame that was due, a line each, times in us since the round's first frame was due.
+//! The table of frames: one line per frame that was due, times in us since the round's first frame was due.
 
 use std::str::FromStr;
 
@@ -17,7 +17,7 @@ const HEAD: &str = "round,sequence,frame,phase,outcome,due_us,\
 const PHASES: [&str; 2] = ["warm_up", "measured"];
 const OUTCOMES: [&str; 2] = ["out", "dropped"];
 
-/// Columns before the stamps, and with them.
+/// Number of columns before the stamps, and including the stamps.
 const FIXED: usize = 6;
 const ARRIVED: usize = FIXED + 12;
 

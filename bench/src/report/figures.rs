@@ -1,4 +1,4 @@
-//! The report as a file for programs: `report.json`, whose keys docs/bench.md lists. `null`: not measured.
+//! The report as a file for programs, `report.json`; docs/bench.md lists its keys. `null`: not measured.
 
 use anyhow::ensure;
 use mluc_geometry::quantile_of;
@@ -11,23 +11,23 @@ use super::series::series;
 /// Version of `report.json` and `frames.csv`; another one is refused.
 const REPORT_VERSION: u32 = 1;
 
-/// What a stage's process took of the machine.
+/// Resources that a stage's process used.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Resources {
     pub(crate) threads: u32,
-    /// CPU time over time: 1 is a whole core.
+    /// CPU time per elapsed time: 1 is a whole core.
     pub(crate) cpu_cores: f64,
     /// Largest private memory.
     pub(crate) memory_mib: f64,
     /// Largest shared memory mapped and touched; several stages touch the same pages.
     pub(crate) shared_memory_mib: f64,
-    /// The kernel took the CPU away, by second.
+    /// How often the kernel took the CPU away, per second.
     pub(crate) switches_forced_per_s: f64,
-    /// Ready to run but without a CPU, threads together: share of the time.
+    /// Time that threads were ready to run but had no CPU, summed over threads: share of the time.
     pub(crate) waiting_for_cpu: f64,
 }
 
-/// The figures that follow from the frames; machine, resources and sizes of messages are the caller's.
+/// The figures computed from the frames. The caller adds machine, resources and message sizes.
 pub(crate) fn report_of(frames: &[FrameRecord]) -> Value {
     let measured = measured(frames);
     let figures = series(&measured);
@@ -64,7 +64,7 @@ pub(crate) fn report_of(frames: &[FrameRecord]) -> Value {
     })
 }
 
-/// The first frame after the start, worst of all rounds, and as a multiple of the median.
+/// The first frame after a start: the worst of all rounds, and its ratio to the median.
 fn first_frame(frames: &[FrameRecord], end_to_end_us: &Value, stages: &Value) -> Value {
     let worst = |of: &dyn Fn(&FrameRecord) -> Option<f64>| -> Option<f64> {
         let firsts = frames.iter().filter(|frame| frame.sequence == 0);
@@ -86,13 +86,13 @@ fn first_frame(frames: &[FrameRecord], end_to_end_us: &Value, stages: &Value) ->
     })
 }
 
-/// By nearest rank of every value, so that no histogram rounds the tail; `None` without values.
+/// Quantile by nearest rank over all values, so that no histogram rounds the tail; `None` without values.
 fn at(values: &[f64], q: f64) -> Option<f64> {
-    // Thousandths are beyond any clock here.
+    // No clock here resolves more than thousandths.
     Some((quantile_of(values.to_vec(), q)? * 1000.0).round() / 1000.0)
 }
 
-/// Of any number of values; zeros without any.
+/// Percentiles of any number of values; zeros without values.
 fn percentiles(values: &[f64]) -> Value {
     let names = ["p50", "p90", "p99", "p999", "max"].into_iter();
     let named = names.zip([0.5, 0.9, 0.99, 0.999, 1.0]);
@@ -111,7 +111,7 @@ pub(crate) fn number(report: &Value, pointer: &str) -> Option<f64> {
     report.pointer(pointer)?.as_f64()
 }
 
-/// Refuses a `report.json` of another version before anything else of it is believed.
+/// Refuses a `report.json` of another version. Call it before using any other value.
 pub(crate) fn check_version(report: &Value) -> anyhow::Result<()> {
     let found = &report["report_version"];
     ensure!(

@@ -22,13 +22,13 @@ pub(crate) struct FrameRecord {
     /// The scan's name; empty when the frame was dropped.
     pub(crate) name: String,
     pub(crate) is_warm_up: bool,
-    /// When it was due, ns since the round's first frame was.
+    /// When it was due, ns since the round's first frame was due.
     pub(crate) due_ns: i64,
-    /// By stage, in their order; `None`: dropped, a newer frame overtook it.
+    /// By stage, in the order of [`STAGES`]; `None`: dropped, a newer frame replaced it.
     pub(crate) stamps: Option<[Stamps; 4]>,
-    /// When the consumer of the objects had them, same clock; 0 when dropped.
+    /// When the consumer received the objects, on the same clock; 0: dropped.
     pub(crate) arrived_ns: i64,
-    /// Words for what was out of the ordinary, separated by spaces.
+    /// Names of the flags that were set, separated by spaces.
     pub(crate) flags: String,
 }
 
@@ -65,7 +65,7 @@ pub(crate) fn measured(frames: &[FrameRecord]) -> Vec<FrameRecord> {
     measured.cloned().collect()
 }
 
-/// Stamps that a foreign stage left out or mixed up count as 0.
+/// Microseconds of a time difference; 0 if it is negative, as between stamps that a foreign stage left out or mixed up.
 pub(crate) fn micros(ns: i64) -> f64 {
     ns.max(0) as f64 / 1000.0
 }

@@ -1,4 +1,4 @@
-//! What a person reads: the page (one file, no script, nothing from outside) and the table on a terminal, each by its template.
+//! The report for people: the page (one file, no script, no external resources) and the table on a terminal, each from its template.
 
 use anyhow::Result;
 use minijinja::{Environment, UndefinedBehavior, value::Serde};
@@ -22,13 +22,13 @@ pub(crate) fn page(report: &Value, frames: &[FrameRecord]) -> Result<String> {
     render("page.html", include_str!("page.html"), values)
 }
 
-/// Everything that fits on a screen.
+/// The report as a table that fits on a screen.
 pub(crate) fn table(report: &Value) -> Result<String> {
     let values = json!({"report": report});
     render("table.txt", include_str!("table.txt"), values)
 }
 
-/// Of a template whose name ends with `html`, texts are escaped.
+/// Fills in a template. If its name ends with `html`, texts are escaped.
 pub(crate) fn render(name: &str, template: &str, mut values: Value) -> Result<String> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Chainable);
@@ -39,7 +39,7 @@ pub(crate) fn render(name: &str, template: &str, mut values: Value) -> Result<St
     Ok(environment.render_named_str(name, template, Serde(values))? + "\n")
 }
 
-/// A number with the digits that matter.
+/// A number with its significant digits.
 pub(super) fn short(value: f64) -> String {
     let digits = match value.abs() {
         v if v >= 99.95 => 0,

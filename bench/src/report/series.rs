@@ -1,26 +1,26 @@
-//! From records to series of figures.
+//! Computes series of figures from frame records.
 
 use super::frame::{FrameRecord, STAGES, micros};
 
-/// A stage that published so long before its next input is waiting for it: what it does after a frame (a heartbeat, now
-/// and then a look at its mappings) is over by then. Measured, below 1 ms.
+/// A stage that published this long before its next input is idle: its work after a frame (a heartbeat, sometimes
+/// a check of its mappings) is over by then. That work was measured: below 1 ms.
 const IDLE_NS: i64 = 2_000_000;
 
 /// Figures of all frames given, in their order; see the module's terms.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Series {
-    /// Of every frame, dropped ones included.
+    /// Latency of every frame, dropped frames included.
     pub(crate) latency_us: Vec<f64>,
-    /// Of every frame: 1 where it was dropped.
+    /// For every frame: 1 if it was dropped, else 0.
     pub(crate) is_dropped: Vec<f64>,
     pub(crate) delivered_us: Vec<f64>,
     pub(crate) queue_us: [Vec<f64>; 4],
     pub(crate) run_us: [Vec<f64>; 4],
-    /// Of each topic, only where the consumer was idle.
+    /// By topic, only for frames whose consumer was idle.
     pub(crate) hand_over_us: [Vec<f64>; 4],
-    /// All hand-overs of a frame, of frames where every consumer was idle.
+    /// Sum of a frame's hand-overs, only for frames where every consumer was idle.
     pub(crate) hops_together_us: Vec<f64>,
-    /// Frames at the end that nothing newer followed: their latency is a lower bound.
+    /// Dropped frames at the end that no newer objects followed: their latency is a lower bound.
     pub(crate) unanswered: usize,
 }
 
@@ -51,7 +51,7 @@ pub(crate) fn series(frames: &[FrameRecord]) -> Series {
     series
 }
 
-/// Of each frame the time from due until its objects, or a newer frame's, were out.
+/// Latency of each frame: time from due until its objects, or a newer frame's objects, were out. Second: the number of unanswered frames.
 fn latencies(frames: &[FrameRecord]) -> (Vec<f64>, usize) {
     let mut latency_us = vec![0.0; frames.len()];
     let mut unanswered = 0;
@@ -72,14 +72,14 @@ fn latencies(frames: &[FrameRecord]) -> (Vec<f64>, usize) {
     (latency_us, unanswered)
 }
 
-/// The last moment of a round that is known.
+/// The last known time of a round, ns.
 fn end_ns(frames: &[FrameRecord], round: u32) -> i64 {
     let of_round = frames.iter().filter(|frame| frame.round == round);
     let ends = of_round.map(|frame| frame.due_ns.max(frame.arrived_ns));
     ends.max().unwrap_or(0)
 }
 
-/// By topic; `None` where the consumer was busy, or where that is not known because the frame before was dropped.
+/// Hand-overs by topic, us. `None`: the consumer was busy, or this is not known because the frame before was dropped.
 fn hand_overs(frame: &FrameRecord, before: Option<&FrameRecord>) -> [Option<f64>; 4] {
     let is_next = |before: &&FrameRecord| {
         before.round == frame.round && before.sequence + 1 == frame.sequence
@@ -89,7 +89,7 @@ fn hand_overs(frame: &FrameRecord, before: Option<&FrameRecord>) -> [Option<f64>
         let stamps = frame.stamps?;
         let sent_ns = stamps[topic].published_ns;
         let Some(consumer) = stamps.get(topic + 1) else {
-            // Whoever takes the objects does nothing else.
+            // The consumer of the objects has no other work, so it is idle.
             return Some(micros(frame.arrived_ns - sent_ns));
         };
         let is_idle = before?[topic + 1].published_ns + IDLE_NS < sent_ns;

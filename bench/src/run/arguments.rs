@@ -95,7 +95,7 @@ impl RunArgs {
 }
 
 impl BenchTable {
-    /// These options, and the table where none was given.
+    /// These options; the table's value where an option is not given.
     pub(crate) fn over(&self, table: BenchTable) -> BenchTable {
         BenchTable {
             seconds: self.seconds.or(table.seconds),

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::{arguments::CompareArgs, folder};
 use crate::report::{compare, comparison_table};
 
-/// What should be the same in two reports for their difference to mean anything.
+/// Values that must be the same in two reports, or their difference means little.
 const SAME: [(&str, &str); 6] = [
     ("/machine/processor", "processor"),
     ("/machine/cores_usable", "usable cores"),
@@ -30,7 +30,7 @@ pub(crate) fn compare_folders(args: &CompareArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What two reports' folders say of each other, with what makes it weak.
+/// Compares the reports in two folders; the result includes what weakens the comparison.
 pub(crate) fn compared(folders: [&Path; 2], names: [&str; 2]) -> Result<Value> {
     let (a, frames_a) = folder::read(folders[0])?;
     let (b, frames_b) = folder::read(folders[1])?;
@@ -43,7 +43,7 @@ pub(crate) fn compared(folders: [&Path; 2], names: [&str; 2]) -> Result<Value> {
     Ok(value)
 }
 
-/// What makes a comparison weak.
+/// Notes on what weakens a comparison.
 fn notes([a, b]: [&Value; 2]) -> Vec<String> {
     let mut notes = Vec::new();
     for (pointer, name) in SAME {
@@ -65,7 +65,7 @@ fn notes([a, b]: [&Value; 2]) -> Vec<String> {
     notes
 }
 
-/// Share of all cores that others took.
+/// Share of all cores that other processes took.
 pub(super) fn others(report: &Value) -> f64 {
     let share = report.pointer("/quiet/other_processes_share_of_all_cores");
     share.and_then(Value::as_f64).unwrap_or(0.0)

@@ -7,10 +7,10 @@ use serde_json::Value;
 
 use crate::report::{FrameRecord, check_version, page, read_frames, write_frames};
 
-/// Of the two reports of a comparison.
+/// Folder names of the two reports of a comparison.
 pub(crate) const FOLDERS: [&str; 2] = ["a", "b"];
 
-/// Writes a file into a folder of results, which is made when missing.
+/// Writes a file into a folder of results; creates the folder if it is missing.
 pub(crate) fn save(folder: &Path, name: &str, bytes: impl AsRef<[u8]>) -> Result<()> {
     let path = folder.join(name);
     let made = fs::create_dir_all(folder);
@@ -18,7 +18,7 @@ pub(crate) fn save(folder: &Path, name: &str, bytes: impl AsRef<[u8]>) -> Result
     written.with_context(|| format!("writing {}", path.display()))
 }
 
-/// Made before anything is measured: a path that cannot be written is reported at once.
+/// Creates a folder before anything is measured: a path that cannot be written is reported at once.
 pub(crate) fn make(folder: &Path) -> Result<()> {
     save(folder, ".probe", "")?;
     let probe = folder.join(".probe");
@@ -31,7 +31,7 @@ pub(crate) fn write(folder: &Path, report: &Value, frames: &[FrameRecord]) -> Re
     save(folder, "frames.csv", write_frames(frames))
 }
 
-/// A report that was written by this version of the program.
+/// Reads a report and its frames. Errors: a file is missing or not valid, or another version of the program wrote it.
 pub(crate) fn read(folder: &Path) -> Result<(Value, Vec<FrameRecord>)> {
     let place = || folder.display().to_string();
     let read = |name: &str| {

@@ -23,7 +23,7 @@ struct Side {
     warnings: Vec<String>,
 }
 
-/// This program and another one, or the two refiners that were named.
+/// The two sides: this program and another one, or the two named refiners.
 fn sides(plan: &Plan) -> [Side; 2] {
     let side = |name: String, program: &Path, refiner: Option<String>| Side {
         name,
@@ -78,10 +78,10 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
 }
 
 impl Side {
-    /// One start of the processes; gives whether frames were lost or a stage was restarted.
+    /// Measures one start of the processes; returns whether frames were lost or a stage was restarted.
     fn measure(&self, plan: &Plan, folder: &Path) -> Result<bool> {
         let mut command = Command::new(&plan.program);
-        // Ends with this process, however this one ends.
+        // `exec` ends the command when this process ends, for whatever reason.
         let own = std::process::id().to_string();
         command.args(["exec", "--supervised-by", &own, "--"]);
         command.arg(&self.program);

@@ -1,4 +1,4 @@
-//! This build: all rounds of one pipeline, and the report of them.
+//! Measures this build: all rounds of one pipeline, and their report.
 
 use std::process::ExitCode;
 
@@ -45,7 +45,7 @@ struct Measured {
 }
 
 impl Measured {
-    /// Starts the processes once more.
+    /// Starts the processes once more and adds what was recorded.
     fn add_round(
         &mut self,
         plan: &Plan,
@@ -78,14 +78,14 @@ impl Measured {
         self.is_interrupted |= recording.is_interrupted;
     }
 
-    /// Something is in the report that should not be there.
+    /// Whether frames were lost, a stage was restarted or the run was interrupted.
     fn is_flawed(&self, report: &Value) -> bool {
         let lost = ["/frames/dropped", "/frames/unanswered"];
         let is_lost = lost.iter().any(|count| number(report, count) > Some(0.0));
         is_lost || self.restarts > 0 || self.is_interrupted
     }
 
-    /// Means over the rounds; of memory the largest.
+    /// Resources of a stage: means over the rounds; for memory and threads the largest value.
     fn resources_of(&self, stage: usize) -> Resources {
         let each = || self.resources.iter().map(|round| &round[stage]);
         let mean = |of: fn(&Resources) -> f64| {
@@ -120,7 +120,7 @@ impl Measured {
         Ok(report)
     }
 
-    /// What a reader must know: the lines of the template.
+    /// Warnings for the reader: the lines that the template gives.
     fn warnings(&self, plan: &Plan, report: &Value, quiet: &Quiet) -> Result<Vec<String>> {
         let (verdict, is_loud) = quiet.verdict();
         let is_degraded = |frame: &&FrameRecord| frame.flags.split(' ').any(|f| f == "degraded");

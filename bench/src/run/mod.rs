@@ -1,6 +1,6 @@
-//! The program `mluc-bench`: the real processes on a scenario, measured from outside and by their own stamps, as a report.
+//! The program `mluc-bench`: runs the real processes on a scenario, measures them from outside and by their own stamps, writes a report.
 //!
-//! `report` computes figures from the records; here is what touches the machine. Exit codes are those of `mluc`.
+//! `report` computes figures from the records; this module does what touches the machine. Exit codes are the same as for `mluc`.
 
 mod arguments;
 mod compare;
@@ -28,7 +28,7 @@ pub(crate) fn program() -> ExitCode {
 }
 
 fn run(cli: Cli) -> anyhow::Result<ExitCode> {
-    // What the pipeline loses stands in the report.
+    // The report shows what the pipeline loses.
     log_to_stderr("bench", "error");
     match cli.command {
         Some(Command::Compare(args)) => compare::compare_folders(&args),
@@ -51,7 +51,7 @@ fn progress() -> ProgressBar {
     bar.with_style(style)
 }
 
-/// `share` of the work is done: 0 to 1.
+/// Shows the progress: `share` of the work is done, 0 to 1.
 fn show(progress: &ProgressBar, share: f64, what: String) {
     progress.set_position((100.0 * share) as u64);
     progress.set_message(what);

@@ -16,11 +16,11 @@ use rustix::process::{Pid, Signal, kill_process};
 use super::{plan::Plan, processes::ProcessWatch, show};
 use crate::machine::children;
 
-/// How often the processes are looked at; a message ends the wait early.
+/// Interval between two checks of the processes; a message ends the wait early.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
-/// Asked to end, the pipeline has this long.
+/// Time that the pipeline has to end after it was asked to.
 const END_PATIENCE: Duration = Duration::from_secs(5);
-/// What all processes of the pipeline print.
+/// File for what all processes of the pipeline print to stderr.
 const LOG: &str = "pipeline.log";
 
 #[derive(Clone, Copy)]
@@ -33,7 +33,7 @@ pub(crate) struct Arrival {
 pub(crate) struct Recording {
     pub(crate) arrivals: Vec<Arrival>,
     pub(crate) watch: ProcessWatch,
-    /// Payload bytes of each stage's last message; `None`: no heartbeats, a foreign stage may send none.
+    /// Payload bytes of each stage's last message; `None`: no heartbeats arrived (a foreign stage may send none).
     pub(crate) payload_bytes: [Option<u64>; 4],
     pub(crate) frames_in: u64,
     pub(crate) restarts: u32,
@@ -64,12 +64,12 @@ pub(crate) fn record(
 }
 
 struct Recorder {
-    // Ended before this process leaves the instance, and so removes its files.
+    // Dropped first: the pipeline ends before this process leaves the instance and removes its files.
     up: Up,
     objects: Input<Object>,
     health: HealthWatch,
     shell: Shell,
-    /// Of the stages; 0: not known.
+    /// Process ids of the stages; 0: not known.
     pids: [u32; 4],
     classes: usize,
     recording: Recording,
@@ -123,7 +123,7 @@ impl Recorder {
             let is_new = last.is_none_or(|last| header.sequence > last.header.sequence);
             match Object::checked(&header, message.elements(), self.classes) {
                 Ok(_) if is_new => recording.arrivals.push(Arrival { header, at_ns }),
-                // A frame that was sent again may answer twice.
+                // The objects of a frame that was sent again may arrive twice.
                 Ok(_) => (),
                 Err(error) => tracing::error!(frame = header.name(), "objects refused: {error}"),
             }
@@ -135,7 +135,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// By their heartbeats; a foreign refiner may send none: then it is the child of `mluc up` that is no other stage.
+    /// Finds the processes of the stages by their heartbeats. A foreign refiner may send none: it is the child of `mluc up` that is no other stage.
     fn find_stages(&mut self) {
         const REFINER: usize = Stage::Refiner as usize;
         let mut pids = Stage::ALL.map(|stage| self.health.of(stage).map_or(0, |own| own.pid));
@@ -165,7 +165,7 @@ impl Recorder {
 }
 
 impl Recording {
-    /// Since the first frame was due, by the first one that came.
+    /// Seconds since the first frame that arrived was due; `None`: none arrived yet.
     fn at_s(&self) -> Option<f64> {
         let first = self.arrivals.first()?;
         let due_ns = first.header.stages[Stage::Ingest as usize].received_ns;
@@ -195,7 +195,7 @@ impl Up {
         let file = File::create(&log).with_context(|| format!("creating {}", log.display()))?;
         let supervisor = std::process::id().to_string();
         let mut command = Command::new(&plan.program);
-        // `exec` ties the process to this one, however this one ends.
+        // `exec` ends the process when this one ends, for whatever reason.
         command
             .args(["exec", "--supervised-by", &supervisor, "--"])
             .arg(&plan.program)
@@ -203,7 +203,7 @@ impl Up {
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(file)
-            // Ctrl-C reaches this process alone, which ends the pipeline.
+            // Ctrl-C reaches only this process, which then ends the pipeline.
             .process_group(0);
         if std::env::var_os("MLUC_LOG").is_none() {
             command.env("MLUC_LOG", "error");
@@ -213,12 +213,12 @@ impl Up {
         Ok(Up { process, log })
     }
 
-    /// Of an end by itself: 0, or 3 where frames were lost, which the report says too.
+    /// Checks the status of a pipeline that ended by itself: 0, or 3 if frames were lost, which the report shows too.
     fn check(&self, status: ExitStatus) -> Result<()> {
         if matches!(status.code(), Some(0 | 3)) {
             return Ok(());
         }
-        // Enough of the log to see why.
+        // The last 20 lines of the log show why.
         let log = fs::read_to_string(&self.log).unwrap_or_default();
         let lines: Vec<&str> = log.lines().collect();
         let last = lines[lines.len().saturating_sub(20)..].join("\n");

@@ -17,12 +17,12 @@ use toml::Table;
 use super::arguments::{BenchTable, RunArgs};
 
 const SECONDS: f64 = 20.0;
-/// A guess: a million frames at 10 Hz.
+/// An assumed limit: a million frames at 10 Hz.
 const SECONDS_MAX: f64 = 100_000.0;
 const WARM_UP_SECONDS: f64 = 2.0;
 const RATE_HZ: f64 = 10.0;
 const RATE_HZ_MAX: f64 = 1000.0;
-/// When two are compared: each starts so often.
+/// Starts of each side when two are compared.
 const ROUNDS_COMPARED: u32 = 4;
 const ROUNDS_MAX: u32 = 1000;
 const PATIENCE_SECONDS: f64 = 60.0;
@@ -30,9 +30,9 @@ const PATIENCE_SECONDS: f64 = 60.0;
 pub(crate) struct Plan {
     /// The program `mluc`.
     pub(crate) program: PathBuf,
-    /// Its name, or the command in its place.
+    /// The refiner's name, or the command in its place.
     pub(crate) refiner: String,
-    /// What names it to `mluc up`.
+    /// Arguments of `mluc up` that select the refiner.
     refiner_arguments: Vec<String>,
     pub(crate) args: RunArgs,
     pub(crate) input: PathBuf,
@@ -45,9 +45,9 @@ pub(crate) struct Plan {
     pub(crate) patience: Duration,
     pub(crate) model: Model,
     stages: Value,
-    /// For the page's head.
+    /// Description of the scans for the page's head.
     scans: String,
-    // Removed from the disk with the plan.
+    // Deleted from the disk when the plan is dropped.
     _configuration: TempDir,
     _bundled: Option<BundledScans>,
 }
@@ -128,7 +128,7 @@ impl Plan {
         self.seconds / f64::from(self.rounds)
     }
 
-    /// Options that `mluc up` and another `mluc bench` are given alike.
+    /// Options that both `mluc up` and another `mluc bench` receive.
     pub(crate) fn shared_arguments(&self) -> Vec<String> {
         let (input, rate_hz) = (self.input.display().to_string(), self.rate_hz.to_string());
         let optional = [
@@ -195,7 +195,7 @@ fn within<T: PartialOrd + Display>(name: &str, value: T, range: RangeInclusive<T
     usage(format!("{name} must be {least} to {most}, found {value}"))
 }
 
-/// The file without `[bench]`, and that table. `None`: an empty file.
+/// The scenario's file without `[bench]`, and that table. Without a path, both are empty.
 fn read_scenario(path: Option<&Path>) -> Result<(Table, BenchTable)> {
     #[derive(Deserialize)]
     struct Scenario {
@@ -209,7 +209,7 @@ fn read_scenario(path: Option<&Path>) -> Result<(Table, BenchTable)> {
     Ok((file_layer(path)?, scenario.bench))
 }
 
-/// Beside this program, else on the path.
+/// The program `mluc`: next to this program, else on the path.
 pub(crate) fn mluc_program() -> Result<PathBuf> {
     let program = installed_program("mluc");
     find(&program).with_context(|| {
@@ -221,7 +221,7 @@ pub(crate) fn mluc_program() -> Result<PathBuf> {
     })
 }
 
-/// The file of a program: one with a slash as it is, else on the path.
+/// The file of a program: a name with a slash is used as it is, any other is searched on the path.
 fn find(program: &Path) -> Option<PathBuf> {
     if program.components().count() > 1 {
         return program.is_file().then(|| program.to_path_buf());
@@ -231,7 +231,7 @@ fn find(program: &Path) -> Option<PathBuf> {
     files.find(|file| file.is_file())
 }
 
-/// The refiner that is named (the first of two), else the scenario's, and the arguments that name it to `mluc up`. `file`: for a configuration.
+/// The refiner of the options (the first of two), else of the scenario, and the arguments of `mluc up` that select it. `file`: for a configuration.
 fn refiner(args: &RunArgs, document: &Table, file: &Path) -> Result<(String, Vec<String>)> {
     if args.refiner.len() > 2 || (args.against.is_some() && args.refiner.len() > 1) {
         return usage("--refiner can be given once, or twice without --against");
@@ -256,7 +256,7 @@ fn refiner(args: &RunArgs, document: &Table, file: &Path) -> Result<(String, Vec
     Ok((name, config.collect()))
 }
 
-/// A name of ours, or a command whose program is there.
+/// Checks a refiner: one of our names, or a command whose program exists.
 fn check_refiner(word: &str) -> Result<()> {
     let program = word.split_whitespace().next().map(Path::new);
     if RefinerVariant::from_name(word).is_some() || program.and_then(find).is_some() {
@@ -268,7 +268,7 @@ fn check_refiner(word: &str) -> Result<()> {
     ))
 }
 
-/// The arguments that put a name of ours, or a program with arguments, into the scenario's configuration.
+/// Writes the scenario's configuration with one of our refiners, or with a command, to `file`; returns the arguments of `mluc up` for it.
 fn with_refiner(mut document: Table, word: &str, file: &Path) -> Result<Vec<String>> {
     let mut at = &mut document;
     for key in ["stages", "refiner"] {
@@ -280,7 +280,7 @@ fn with_refiner(mut document: Table, word: &str, file: &Path) -> Result<Vec<Stri
     if RefinerVariant::from_name(word).is_some() {
         at.remove("command");
         at.remove("directory");
-        arguments.extend(["--refiner-mode".to_string(), word.to_string()]);
+        arguments.extend(["--refiner-variant".to_string(), word.to_string()]);
     } else {
         let directory = std::env::current_dir().context("finding the current folder")?;
         let directory = directory.to_string_lossy().into_owned();

@@ -1,10 +1,10 @@
-//! What each stage's process takes of the machine, read from `/proc` now and then.
+//! Resources that each stage's process uses, read from `/proc` at intervals.
 
 use procfs::process::Process;
 
 use crate::report::Resources;
 
-/// Two looks at least so far apart, s.
+/// Shortest interval between two samples, s.
 const PERIOD_S: f64 = 0.5;
 
 /// What the kernel has counted for one process up to now.
@@ -26,7 +26,7 @@ pub(crate) struct ProcessWatch {
     looked_s: Option<f64>,
 }
 
-/// Of one stage: the first and the last look, and the largest memory, of the measured part.
+/// Samples of one stage in the measured part: the first, the last, and the largest memory.
 #[derive(Default)]
 pub(crate) struct StageWatch {
     first: Option<Counts>,
@@ -35,7 +35,7 @@ pub(crate) struct StageWatch {
 }
 
 impl ProcessWatch {
-    /// `at_s`: since the first frame was due.
+    /// Samples the processes. `at_s`: time since the first frame was due, s.
     pub(crate) fn look(&mut self, at_s: f64, is_measured: bool, processes: [u32; 4]) {
         let is_soon = |looked_s: f64| at_s - looked_s < PERIOD_S;
         if self.looked_s.is_some_and(is_soon) {
@@ -49,7 +49,7 @@ impl ProcessWatch {
             let watch = &mut self.stages[stage];
             watch.last = counts;
             if is_measured {
-                // A restarted process counts from its own begin.
+                // The counters of a restarted process start again.
                 if watch.first.is_none_or(|first| first.pid != pid) {
                     watch.first = Some(counts);
                 }
@@ -79,7 +79,7 @@ impl StageWatch {
     }
 }
 
-/// `None`: the process is gone.
+/// The counts of a process; `None`: the process is gone.
 fn counts(pid: u32, at_s: f64) -> Option<Counts> {
     /// The kernel's unit of CPU time, on every processor: 1/100 s.
     const TICK_NS: u64 = 10_000_000;
@@ -91,7 +91,7 @@ fn counts(pid: u32, at_s: f64) -> Option<Counts> {
         pid,
         private_mib: mib(status.rssanon) + mib(status.rssfile),
         shared_mib: mib(status.rssshmem),
-        // Of all threads, those that have ended too.
+        // CPU time of all threads, including those that have ended.
         cpu_ns: (stat.utime + stat.stime) * TICK_NS,
         ..Counts::default()
     };

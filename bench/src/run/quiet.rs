@@ -1,4 +1,4 @@
-//! How quiet the machine was: what others took of it while the pipeline ran.
+//! How quiet the machine was: the share of it that others took while the pipeline ran.
 
 use std::time::Instant;
 
@@ -9,12 +9,12 @@ use crate::machine::load;
 
 /// Share of all cores that other processes may take on a quiet machine; above, figures are upper bounds.
 const QUIET_SHARE: f64 = 0.02;
-/// From here on they say little.
+/// Above this share, the figures say little about the pipeline.
 const NOISY_SHARE: f64 = 0.10;
 /// Share of the time that the hypervisor may give to other machines.
 const STEAL_SHARE: f64 = 0.005;
 
-/// The kernel's counters: ticks that were busy, stolen, all, and this program's; context switches.
+/// The kernel's counters: busy ticks, stolen ticks, all ticks, this program's ticks; context switches.
 type Ticks = [u64; 5];
 
 #[derive(Default)]
@@ -32,7 +32,7 @@ impl Quiet {
         }
     }
 
-    /// Watches a round, which must end all of its processes: only then the kernel has added up what they took.
+    /// Watches a round. The round must end all of its processes: only then do the kernel's counters include them.
     pub(crate) fn watch<T>(&mut self, round: impl FnOnce() -> T) -> T {
         let (begun, at) = (now(), Instant::now());
         let result = round();
@@ -54,7 +54,7 @@ impl Quiet {
         steal as f64 / all.max(1) as f64
     }
 
-    /// In words, and whether a reader must be warned.
+    /// The verdict in words, and whether a reader must be warned.
     pub(crate) fn verdict(&self) -> (String, bool) {
         let percent = |share: f64| format!("{:.1} %", 100.0 * share);
         let (others, steal) = (percent(self.others()), percent(self.steal()));
@@ -92,7 +92,7 @@ impl Quiet {
 
 fn now() -> Ticks {
     let own = Process::myself().and_then(|own| own.stat());
-    // Of its children too that have ended.
+    // Includes its children that have ended.
     let ours = own.map_or(0, |own| {
         own.utime + own.stime + (own.cutime + own.cstime) as u64
     });
@@ -102,7 +102,7 @@ fn now() -> Ticks {
     let cpu = stats.total;
     let [iowait, irq, softirq, steal] =
         [cpu.iowait, cpu.irq, cpu.softirq, cpu.steal].map(Option::unwrap_or_default);
-    // Guests are in user and nice already.
+    // `user` and `nice` already include the time of guests.
     let busy = cpu.user + cpu.nice + cpu.system + irq + softirq;
     [
         busy,

@@ -1,11 +1,11 @@
-//! From the arrivals of one start of the processes to the record of every frame that was due.
+//! Turns the arrivals of one start of the processes into the record of every frame that was due.
 
 use mluc_ipc_types::{Flags, FrameHeader};
 
 use super::pipeline::Arrival;
 use crate::report::{FrameRecord, Stamps};
 
-/// Every frame of a round, `frames_in` of them; those that never arrived were due at the rate.
+/// All `frames_in` frames of a round. The rate gives the due time of a frame that never arrived.
 pub(crate) fn frames(
     round: u32,
     (rate_hz, warm_up_s): (f64, f64),
@@ -15,7 +15,7 @@ pub(crate) fn frames(
     let first = arrivals.first().map(|arrival| &arrival.header);
     let zero_ns = first.map_or(0, |first| due_ns(first) - periods_ns(first.sequence));
     let mut arrivals = arrivals.iter().peekable();
-    // A restarted ingest begins another count of periods: the last frame seen is the reference.
+    // A restarted ingest counts its periods anew: the last frame seen is the reference.
     let (mut seen, mut seen_due_ns) = (0, 0);
     let frame = |sequence| {
         let mut frame = FrameRecord {
@@ -37,7 +37,7 @@ pub(crate) fn frames(
 fn came_out(frame: &mut FrameRecord, arrival: &Arrival, zero_ns: i64) {
     let header = &arrival.header;
     frame.due_ns = due_ns(header) - zero_ns;
-    // A stamp that a stage left out stays where the frame was due, and shows as no time at all.
+    // A stamp that a stage left out gets the frame's due time and so adds no time.
     let since = |ns: u64| match ns {
         0 => frame.due_ns,
         ns => ns as i64 - zero_ns,

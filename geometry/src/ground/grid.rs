@@ -1,15 +1,15 @@
-//! The height of the ground on a grid: what the network's input, boxes and clusters are measured from.
+//! The height of the ground on a grid. Heights in the network's input, of boxes and of clusters are measured from it.
 //!
-//! A surface under the lowest points of the tiles, by robust least squares: a plane first, then what lies off it, held together by a membrane between
-//! the nodes. It grows outwards, so that what it meets is judged by the ground that is already known: a road may rise and fall. Points above the surface
-//! soon count nothing (things that stand on it), those below keep their weight longer. Where a scan says nothing, the surface
-//! goes on as the plane does; beyond the grid it is as high as at the nearest place of the grid's edge.
+//! Robust least squares fits a surface to the lowest points of the tiles: first a plane, then the offsets from the plane, smoothed by a membrane
+//! between the nodes. Tiles join from the sensor outwards, so that new points are weighted by the ground that is already known: a road may rise and
+//! fall. The weight of a point above the surface falls fast (objects stand on the ground); the weight of a point below falls more slowly. Without
+//! points the surface follows the plane; beyond the grid its height is the height at the nearest place of the grid's edge.
 
 use super::{GroundPlane, Lowest};
 
-/// Between nodes, m.
+/// Distance between nodes, m.
 const SPACING_M: f32 = 4.0;
-/// From the sensor to the outermost nodes along x and y, m.
+/// Distance from the sensor to the outermost nodes along x and y, m.
 pub const GROUND_HALF_M: f32 = 56.0;
 /// Nodes along a side.
 const SIDE: usize = (2.0 * GROUND_HALF_M / SPACING_M) as usize + 1;
@@ -18,44 +18,44 @@ pub const GROUND_NODES: usize = SIDE * SIDE;
 /// The equations have a border of nodes without links, so that each node of the grid has eight around it.
 const WIDTH: usize = SIDE + 2;
 
-/// Points farther above the surface than about this count little; it shrinks from pass to pass after a tile has joined, m.
+/// Height scale of the weight, m: points farther above the surface get little weight. One scale per pass after a tile has joined.
 const ABOVE_M: [f64; 7] = [0.6, 0.45, 0.3, 0.2, 0.15, 0.12, 0.12];
-/// Those below it keep their weight so many times as far.
+/// Below the surface the height scale is multiplied by this factor.
 const BELOW: f64 = 2.5;
-/// Tiles nearer than the first join in the first pass, those nearer than the next in the second, and so on, m.
+/// Tiles nearer than the first radius join in the first pass, tiles nearer than the second radius in the second pass, and so on, m.
 const JOIN_RADIUS_M: [f32; 4] = [9.0, 15.0, 23.0, 33.0];
-/// The plane is fitted to tiles nearer than this, m, from the height that most tiles have in common: around the sensor, m, from where to where and by which step, m.
+/// The plane is fitted to tiles nearer than this, m. The fit starts at the most common height around the sensor (half side, range and step, m).
 const PLANE_RADIUS_M: f32 = 30.0;
 const COMMON_HALF_M: f32 = 20.0;
 const COMMON_Z_M: std::ops::Range<f32> = -6.0..1.0;
 const COMMON_STEP_M: f32 = 0.25;
-/// What the plane's slopes cost, in tiles at 1 m: without points it lies flat.
+/// Cost of the plane's slopes, in tiles that are 1 m off: without points the plane is level.
 const SLOPE_COST: f64 = 2000.0;
-/// What a difference between neighbouring nodes costs, in tiles: near the sensor, and far from it, where the lowest points are often no ground.
+/// Cost of a difference between neighbouring nodes, in tiles: near the sensor, and far from it, where the lowest points are often not ground.
 const MEMBRANE: [f64; 2] = [0.2, 0.6];
-/// Near and far, m.
+/// The distances from the sensor that count as near and as far, m.
 const MEMBRANE_RADIUS_M: [f64; 2] = [20.0, 40.0];
-/// What a difference from the plane costs.
+/// Cost of a difference from the plane, in tiles.
 const TO_PLANE: f64 = 0.01;
 /// Sweeps over the nodes in a pass.
 const SWEEPS: usize = 12;
 
-/// A tile's lowest point among the nodes around it.
+/// The lowest point of a tile, and its position among the four nodes around it.
 #[derive(Clone, Copy, Debug)]
 struct Tile {
-    /// Above the plane, m.
+    /// Height above the plane, m.
     z_m: f64,
     /// The node towards -x and -y.
     node: usize,
-    /// Shares of the nodes at [`CORNERS`] from there.
+    /// Interpolation weights of the nodes at [`CORNERS`] from `node`.
     shares: [f64; 4],
     /// The pass in which it joins.
     joins: usize,
 }
 
-/// Steps to the nodes around a tile.
+/// Index steps from a tile's `node` to the four nodes around the tile.
 const CORNERS: [usize; 4] = [0, 1, WIDTH, WIDTH + 1];
-/// Steps from a node to the four of the eight around it that come later, and pairs of corners with the step between them.
+/// Index steps from a node to the four of its eight neighbours that come later; pairs of corners, each with the number of the step between them.
 const NEXT: [usize; 4] = [WIDTH + 1, WIDTH, WIDTH - 1, 1];
 const PAIRS: [[usize; 3]; 6] = [
     [0, 3, 0],
@@ -66,7 +66,7 @@ const PAIRS: [[usize; 3]; 6] = [
     [2, 3, 3],
 ];
 
-/// A node's row of the normal equations, which are symmetric: itself, and the nodes at [`NEXT`].
+/// A node's row of the symmetric normal equations: the diagonal entry, the entries of the nodes at [`NEXT`], and the right-hand side.
 #[derive(Clone, Copy, Debug, Default)]
 struct Row {
     own: f64,
@@ -74,23 +74,23 @@ struct Row {
     right: f64,
 }
 
-/// Finds the ground of scan after scan; buffers are reused.
+/// Finds the ground of each scan; buffers are reused.
 #[derive(Clone, Debug)]
 pub struct GroundGrid {
     lowest: Lowest,
     points: Vec<[f32; 3]>,
     tiles: Vec<Tile>,
-    /// The equations without points, and with them.
+    /// The equations without points (`membrane`) and with points (`rows`).
     membrane: Vec<Row>,
     rows: Vec<Row>,
-    /// Off the plane, m.
+    /// Offset of each node from the plane, m.
     off_m: Vec<f64>,
     heights_m: Vec<f32>,
     sensor_height_m: f64,
 }
 
 impl GroundGrid {
-    /// `sensor_height_m`: where a scan tells nothing, the ground is so far below the sensor.
+    /// `sensor_height_m`: height of the sensor above the ground, m, used where a scan has too few points.
     pub fn new(sensor_height_m: f64) -> GroundGrid {
         let tiles_max = (4.0 * GROUND_HALF_M * GROUND_HALF_M) as usize;
         GroundGrid {
@@ -105,7 +105,7 @@ impl GroundGrid {
         }
     }
 
-    /// The ground of a scan (x, y, z first, m): z at every node, [`GROUND_NODES`] of them, row by row along x; for [`ground_height_m`].
+    /// The ground of a scan (x, y, z, m, intensity): z at each of the [`GROUND_NODES`] nodes, m, row by row along x; input of [`ground_height_m`].
     pub fn find(&mut self, points: &[[f32; 4]]) -> &[f32] {
         let mut lowest = std::mem::take(&mut self.lowest);
         lowest.find(points.iter().map(|&[x, y, z, _]| [x, y, z]));
@@ -114,7 +114,7 @@ impl GroundGrid {
         &self.heights_m
     }
 
-    /// As [`GroundGrid::find`], from the lowest point of every tile of 1 m; those beyond the grid are left out.
+    /// As [`GroundGrid::find`], from the lowest point of every tile of 1 m; points beyond the grid are left out.
     pub fn find_under(&mut self, lowest: impl Iterator<Item = [f32; 3]>) -> &[f32] {
         self.points.clear();
         self.points.extend(lowest.filter(is_inside));
@@ -136,12 +136,12 @@ impl GroundGrid {
         &self.heights_m
     }
 
-    /// What was found last.
+    /// The heights that were found last, m.
     pub fn heights_m(&self) -> &[f32] {
         &self.heights_m
     }
 
-    /// Through the tiles near the sensor.
+    /// The plane through the tiles near the sensor.
     fn plane(&mut self) -> GroundPlane {
         let is_near = |[x, y, _]: &[f32; 3]| x.abs().max(y.abs()) <= COMMON_HALF_M;
         let is_in_circle = |[x, y, _]: &[f32; 3]| x * x + y * y < PLANE_RADIUS_M * PLANE_RADIUS_M;
@@ -154,7 +154,7 @@ impl GroundGrid {
         flat.fitted(points, &ABOVE_M, weight, SLOPE_COST)
     }
 
-    /// The normal equations with each tile's weight at the surface as it is; then one over a row's own factor.
+    /// Builds the normal equations; the present surface gives each tile's weight. At the end each diagonal entry becomes its reciprocal.
     fn assemble(&mut self, pass: usize) {
         self.rows.copy_from_slice(&self.membrane);
         for tile in self.tiles.iter().filter(|tile| tile.joins <= pass) {
@@ -178,11 +178,11 @@ impl GroundGrid {
         }
     }
 
-    /// Each node takes the value that its row asks for.
+    /// One sweep (Gauss-Seidel): each node takes the value that solves its row.
     fn sweep(&mut self) {
         let (rows, off_m) = (&self.rows[..], &mut self.off_m[..]);
         for first in (1..=SIDE).map(|row| row * WIDTH + 1) {
-            // Of the node before: each one waits for it, and for nothing else.
+            // The value of the previous node: a node waits for this value alone.
             let mut last_m = 0.0;
             for node in first..first + SIDE {
                 let (row, mut right) = (&rows[node], rows[node].right);
@@ -199,7 +199,7 @@ impl GroundGrid {
     }
 }
 
-/// What a point so far above (or below) the surface counts, 0 to 1.
+/// The weight, 0 to 1, of a point at this height above (negative: below) the surface.
 fn weight(above_m: f64, scale_m: f64) -> f64 {
     let scale_m = scale_m * if above_m > 0.0 { 1.0 } else { BELOW };
     let ratio = above_m / scale_m;
@@ -207,7 +207,7 @@ fn weight(above_m: f64, scale_m: f64) -> f64 {
     1.0 / (sum * sum)
 }
 
-/// Of the equations, by its place in the grid.
+/// Index, in the equations, of the node with index `at` in the grid.
 fn node(at: usize) -> usize {
     (at / SIDE + 1) * WIDTH + at % SIDE + 1
 }
@@ -238,7 +238,7 @@ fn is_inside([x, y, _]: &[f32; 3]) -> bool {
     inside.contains(x) && inside.contains(y)
 }
 
-/// Of a point inside the grid.
+/// The tile of a point inside the grid.
 fn tile(point: [f32; 3], plane: &GroundPlane) -> Tile {
     let along = [point[0], point[1]].map(|v| f64::from((v + GROUND_HALF_M) / SPACING_M));
     let [column, row] = along.map(|v| v as usize);
@@ -254,7 +254,7 @@ fn tile(point: [f32; 3], plane: &GroundPlane) -> Tile {
     }
 }
 
-/// z of the ground at x, y (m) between the nodes of a [`GroundGrid`]; beyond the grid that of its edge; NaN for NaN.
+/// z of the ground at x, y (m), interpolated between the nodes of a [`GroundGrid`]; beyond the grid the value at its edge; NaN for NaN.
 #[inline(always)]
 pub fn ground_height_m(heights_m: &[f32], [x_m, y_m]: [f32; 2]) -> f32 {
     let along = |v: f32| {
@@ -294,7 +294,7 @@ mod tests {
 
     #[test]
     fn the_road_over_a_canal_bridge_stays_the_ground() {
-        // Up to a bridge 12 m ahead and down behind it; water 2 m lower on both sides of the bridge.
+        // The road rises to a bridge 12 m ahead and falls behind it; water 2 m lower on both sides of the bridge.
         let road_m = |x: f32| -1.8 + 0.06 * x.clamp(0.0, 12.0) - 0.09 * (x - 12.0).max(0.0);
         let places = (0..400 * 400).map(|i| [i / 400, i % 400].map(|i| -50.0 + 0.25 * i as f32));
         let points: Vec<[f32; 4]> = places
@@ -313,7 +313,7 @@ mod tests {
 
     #[test]
     fn a_bending_road_is_found_under_boxes_and_a_roof_is_no_ground() {
-        // It rises 5 % ahead and bends to flat at 20 m.
+        // The road rises 5 % ahead and is level from 20 m on.
         let road_m = |x: f32| -1.73 + 0.05 * x.clamp(0.0, 20.0);
         let road = (0..240 * 240).map(|i| [i / 240, i % 240].map(|i| -30.0 + 0.25 * i as f32));
         let road = road.map(|[x, y]| {

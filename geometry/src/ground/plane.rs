@@ -4,17 +4,17 @@ use std::ops::Range;
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Slopes that are tried are so far apart.
+/// Step between the slopes that are tried.
 const SLOPE_STEP: f32 = 0.05;
-/// Heights that are tried with a slope, at most.
+/// Maximum number of heights that are tried per slope.
 const HEIGHTS_MAX: usize = 128;
-/// Fewer tiles on it make no plane.
+/// Minimum number of tiles on a plane.
 const TILES_MIN: u32 = 12;
 
 /// z = `z_m` + slope . (x, y).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GroundPlane {
-    /// At the sensor, m.
+    /// Height at the sensor, m.
     pub z_m: f64,
     /// dz/dx and dz/dy.
     pub slope: [f64; 2],
@@ -27,8 +27,8 @@ impl GroundPlane {
         z - self.z_m - self.slope[0] * x - self.slope[1] * y
     }
 
-    /// The plane that most points are near: slopes along x and along y of up to so many steps of 0.05 to each side, and heights at the
-    /// sensor, from where to where and by which step, m. `None` where few points agree.
+    /// The plane that most points are near. The search covers slopes along x and along y of up to `slope_steps` steps of 0.05 to each side,
+    /// and heights at the sensor in the range `z_m` in steps of `step_m`, m. `None` when fewer than 12 points agree.
     pub fn common(
         points: impl Iterator<Item = [f32; 3]> + Clone,
         slope_steps: i32,
@@ -47,7 +47,7 @@ impl GroundPlane {
                     counts[bin as usize] += 1;
                 }
             }
-            // Neighbours count together: the ground is rough.
+            // Neighbouring bins count together, because the ground is rough.
             for (bin, pair) in counts[..bins].windows(2).enumerate() {
                 let count = pair[0] + pair[1];
                 if count > best.0 {
@@ -60,8 +60,8 @@ impl GroundPlane {
         (best.0 >= TILES_MIN).then_some(best.1)
     }
 
-    /// The plane by least squares from this one on: a pass for each scale (m), in which a point has a weight by its height above the last plane (m) and the scale.
-    /// A slope of 1 costs as much as `slope_cost` points that are 1 m off.
+    /// Fits the plane by weighted least squares, starting at this plane: one pass per scale (m). `weight` takes a point's height above the last
+    /// plane (m) and the scale (m). A slope of 1 costs as much as `slope_cost` points that are 1 m off.
     pub fn fitted(
         mut self,
         points: impl Iterator<Item = [f32; 3]> + Clone,

@@ -2,11 +2,11 @@
 
 use std::ops::Range;
 
-/// Half the side of the square, m: farther than such sensors reach.
+/// Half the side of the square, m: more than the range of the sensors.
 pub const HALF_EXTENT_M: f64 = 128.0;
 /// Tiles along a side.
 pub const SIDE: usize = 2 * HALF_EXTENT_M as usize;
-/// All tiles.
+/// Number of tiles.
 pub const TILES: usize = SIDE * SIDE;
 /// The tile of a point outside of the square, or not finite.
 pub const NO_TILE: u32 = u32::MAX;
@@ -16,7 +16,7 @@ pub const NO_TILE: u32 = u32::MAX;
 pub fn tile_of([x, y, z]: [f32; 3]) -> u32 {
     let x = x + HALF_EXTENT_M as f32;
     let y = y + HALF_EXTENT_M as f32;
-    // Comparisons with NaN are false. No short cuts: branches that depend on the data cost more than comparisons.
+    // Comparisons with NaN are false. No short-circuit operators: branches that depend on the data cost more than comparisons.
     let side = 0.0..SIDE as f32;
     let inside = side.contains(&x) & side.contains(&y) & (z.abs() <= f32::MAX);
     if inside {
@@ -26,7 +26,7 @@ pub fn tile_of([x, y, z]: [f32; 3]) -> u32 {
     }
 }
 
-/// The whole part of a number of 0 to 2^23, by steps that registers of several numbers can do: adding 2^23 leaves it in the low bits.
+/// The integer part of a number from 0 to 2^23, by operations that the compiler can vectorize: adding 2^23 moves it into the low bits.
 #[inline(always)]
 pub fn whole(v: f32) -> u32 {
     (v.trunc() + 8_388_608.0).to_bits() & 0x7F_FFFF
@@ -37,7 +37,7 @@ pub fn low_corner_m(tile: usize) -> [f32; 2] {
     [tile % SIDE, tile / SIDE].map(|i| i as f32 - HALF_EXTENT_M as f32)
 }
 
-/// The tiles that a square touches, row by row; none for a centre or half side that is not a number.
+/// The tiles that a square (centre and half side, m) touches, row by row; none when a number is NaN.
 pub fn tile_rows(center_m: [f64; 2], half_side_m: f64) -> impl Iterator<Item = Range<usize>> {
     let [columns, rows] = center_m.map(|center| {
         let low = center - half_side_m + HALF_EXTENT_M;

@@ -2,7 +2,7 @@
 
 use std::mem::MaybeUninit;
 
-/// Values in a cache line, and the granularity to which channels are padded.
+/// Number of values in a cache line; channels are padded to a multiple of it.
 pub(crate) const LINE: usize = 16;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,7 +29,7 @@ impl<T: Copy + Default> Aligned<T> {
 
     pub(crate) fn as_mut_slice(&mut self) -> &mut [T] {
         let () = Self::DENSE;
-        // SAFETY: as in `as_slice`; the mutable borrow of self makes it the only one.
+        // SAFETY: as in `as_slice`; the mutable borrow of self makes the result the only reference.
         unsafe { std::slice::from_raw_parts_mut(self.0.as_mut_ptr().cast(), self.0.len() * LINE) }
     }
 }
@@ -39,23 +39,23 @@ impl<T: Copy + Default> Aligned<T> {
 #[repr(C, align(64))]
 pub(crate) struct AlignedArray<T, const N: usize>(pub(crate) [T; N]);
 
-/// Room for rows on the stack, at a 64-byte boundary. Nothing is written before it is asked for.
+/// Room for rows on the stack, at a 64-byte boundary. Nothing is written before [`Room::rows`].
 pub(crate) struct Room<T, const N: usize>(AlignedArray<MaybeUninit<T>, N>);
 
 impl<T: Copy, const N: usize> Room<T, N> {
-    /// Not written yet.
+    /// Room without any written value.
     #[inline(always)]
     pub(crate) fn new() -> Room<T, N> {
         Room(AlignedArray([const { MaybeUninit::uninit() }; N]))
     }
 
-    /// So many rows, all equal to `row`, whose length is a multiple of [`LINE`].
+    /// `count` rows, all equal to `row`; the length of `row` is a multiple of [`LINE`].
     #[inline(always)]
     pub(crate) fn rows(&mut self, count: usize, row: &[T]) -> &mut [T] {
         assert!(row.len().is_multiple_of(LINE), "rows of {}", row.len());
         let values = &mut self.0.0[..count * row.len()];
         for to in values.chunks_exact_mut(row.len()) {
-            // A cache line at a time: the compiler knows how long that is.
+            // One cache line at a time: the compiler knows its length.
             for (to, from) in to.chunks_exact_mut(LINE).zip(row.chunks_exact(LINE)) {
                 for (to, from) in to.iter_mut().zip(from) {
                     to.write(*from);

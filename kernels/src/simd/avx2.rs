@@ -1,10 +1,10 @@
-//! AVX2 with FMA: 16 registers of 8 f32. With `VNNI` also its products of bytes (AVX-VNNI).
+//! AVX2 with FMA: 16 registers of 8 f32. With `VNNI` also products of bytes (AVX-VNNI).
 
 use std::arch::x86_64::*;
 
 use super::{Kernel, Simd};
 
-/// Made in the functions below only, so whoever holds one runs on a processor that has these registers and products.
+/// Only the functions below construct it, so a value proves that the processor has these registers and products.
 #[derive(Clone, Copy)]
 pub(crate) struct Avx2<const VNNI: bool>(());
 
@@ -53,7 +53,7 @@ unsafe impl<const VNNI: bool> Simd for Avx2<VNNI> {
         }
     }
 
-    /// Without VNNI by way of 16 bits: `_mm256_maddubs_epi16` would saturate.
+    /// Without VNNI, products of 16 bits: `_mm256_maddubs_epi16` would saturate.
     #[inline(always)]
     fn dot_quads(self, a: __m256i, b: __m256i, c: __m256i) -> __m256i {
         unsafe {

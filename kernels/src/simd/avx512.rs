@@ -1,4 +1,4 @@
-//! AVX-512: 32 registers of 16 f32. With `BF16` and `VNNI` also its products of bf16 (two a lane and a cycle) and of bytes (four).
+//! AVX-512: 32 registers of 16 f32. With `BF16` and `VNNI` also products of bf16 (two per lane and cycle) and of bytes (four).
 
 use std::{arch::x86_64::*, mem::transmute};
 
@@ -6,7 +6,7 @@ use super::{Kernel, Lists, Simd};
 
 mod list;
 
-/// Made where the features are known only, so whoever holds one runs on a processor that has these registers and products.
+/// Constructed only where the features are known, so a value proves that the processor has these registers and products.
 #[derive(Clone, Copy)]
 pub(crate) struct Avx512<const BF16: bool, const VNNI: bool>(());
 
@@ -77,7 +77,7 @@ unsafe impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
         self.fma(a.1, b.1, self.fma(a.0, b.0, c))
     }
 
-    /// Without VNNI by way of 16 bits: `_mm512_maddubs_epi16` would saturate.
+    /// Without VNNI, products of 16 bits: `_mm512_maddubs_epi16` would saturate.
     #[inline(always)]
     fn dot_quads(self, a: __m512i, b: __m512i, c: __m512i) -> __m512i {
         unsafe {

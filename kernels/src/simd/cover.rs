@@ -4,7 +4,7 @@ use super::{LINE, Simd};
 
 /// Work on one tile of a table.
 pub(super) trait Tile {
-    /// Whether a product takes a few registers besides its operands where `S` has no instruction for it.
+    /// Whether a product needs a few registers besides its operands on a processor without an instruction for it.
     const NEEDS_SPARE: bool = false;
 
     /// Works on rows `row..row + R` and columns `column..column + V * S::LANES`, where `at` is `[row, column]`. Implement it `#[inline(always)]`.
@@ -14,12 +14,12 @@ pub(super) trait Tile {
     unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]);
 }
 
-/// Every row and column exactly once.
+/// Works on every row and column exactly once.
 ///
-/// The shapes leave room for a row of weights and a broadcast value: 24 accumulators of 32 registers, 12 (8) of 16.
+/// The tile shapes leave registers for a row of weights and a broadcast value: 24 accumulators of 32 registers, 12 or 8 of 16.
 ///
 /// # Safety
-/// The table of `tile` has `rows` rows and `columns` columns, a multiple of 16.
+/// The table of `tile` has `rows` rows and `columns` columns; `columns` is a multiple of 16.
 #[inline(always)]
 pub(super) unsafe fn cover<S: Simd, T: Tile>(simd: S, rows: usize, columns: usize, tile: &T) {
     // SAFETY (all): the columns passed on are inside 0..columns, and the rows inside 0..rows by `down`.
@@ -44,7 +44,7 @@ pub(super) unsafe fn cover<S: Simd, T: Tile>(simd: S, rows: usize, columns: usiz
     }
 }
 
-/// All rows of a strip of columns: the tallest tiles first, then ever lower ones.
+/// Works on all rows of a strip of columns: first the tallest tiles, then lower ones.
 #[inline(always)]
 unsafe fn down<S: Simd, const R: usize, const V: usize>(
     simd: S,
@@ -53,7 +53,7 @@ unsafe fn down<S: Simd, const R: usize, const V: usize>(
     tile: &impl Tile,
 ) {
     let mut row = 0;
-    // SAFETY (all): each tile ends at or before `rows`; the caller vouches for the columns.
+    // SAFETY (all): each tile ends at or before `rows`; the caller guarantees the columns.
     while row + R <= rows {
         unsafe { tile.tile::<S, R, V>(simd, [row, column]) };
         row += R;

@@ -1,4 +1,4 @@
-//! Which registers this processor has.
+//! The vector registers that this processor has.
 
 use std::sync::atomic::{AtomicU8, Ordering};
 
@@ -8,11 +8,11 @@ use super::{Kernel, Simd, plain};
 #[cfg(target_arch = "x86_64")]
 use super::{avx2, avx512};
 
-/// A set of vector registers that this processor has: a value exists only where that is so.
+/// A set of vector registers. A value exists only on a processor that has them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Level(Kind);
 
-/// Of any architecture, the fastest first.
+/// The kinds of all architectures, the fastest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 enum Kind {
@@ -40,11 +40,11 @@ const KINDS: [(Kind, &str); 8] = [
     (Plain, "portable"),
 ];
 
-/// [`Level::best`] answers no faster kind than the one of this number.
+/// Number of the fastest kind that [`Level::best`] may return.
 static FASTEST: AtomicU8 = AtomicU8::new(0);
 
 impl Kind {
-    /// Whether this processor has it. The standard library caches the answers of the processor.
+    /// Whether this processor has this kind. The standard library caches the detection.
     #[cfg(target_arch = "x86_64")]
     fn exists(self) -> bool {
         let avx2 = is_x86_feature_detected!("avx2")
@@ -64,7 +64,7 @@ impl Kind {
         }
     }
 
-    /// Whether this processor has it.
+    /// Whether this processor has this kind.
     #[cfg(not(target_arch = "x86_64"))]
     fn exists(self) -> bool {
         match self {
@@ -78,7 +78,7 @@ impl Kind {
 }
 
 impl Level {
-    /// The fastest set of this processor, or the one that [`Level::restrict`] named.
+    /// The fastest set of this processor, or the set that [`Level::restrict`] selected.
     pub fn best() -> Level {
         let first = FASTEST.load(Ordering::Relaxed);
         let mut kinds = KINDS.iter().map(|(kind, _)| *kind);
@@ -92,24 +92,24 @@ impl Level {
         kinds.map(|(kind, _)| Level(*kind)).collect()
     }
 
-    /// From now on [`Level::best`] is this one in the whole program: for tests of what other processors would run, and to compare them.
+    /// Makes [`Level::best`] return this level in the whole program, to test and compare what other processors would run.
     pub fn restrict(self) {
         FASTEST.store(self.0 as u8, Ordering::Relaxed);
     }
 
-    /// `avx512bf16`, `avx512vnni`, `avx512`, `avxvnni`, `avx2`, `neondot`, `neon` or `portable`, for a report of what a machine runs.
+    /// The name, for reports: `avx512bf16`, `avx512vnni`, `avx512`, `avxvnni`, `avx2`, `neondot`, `neon` or `portable`.
     pub fn name(self) -> &'static str {
         KINDS[self.0 as usize].1
     }
 
-    /// Whether rows of bytes are multiplied faster as i16: without products of bytes on x86-64.
+    /// Whether rows of bytes are multiplied faster as i16: on `avx512`, `avx2` and `portable`, which have no products of bytes.
     pub fn widens_bytes(self) -> bool {
         matches!(self.0, Avx512 | Avx2 | Plain)
     }
 
     /// Runs `kernel` compiled for this level.
     pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {
-        // SAFETY (each): the value was made by `best` or `all`, which asked the processor for these features.
+        // SAFETY (each): `best` or `all` has constructed the value and checked that the processor has these features.
         #[cfg(target_arch = "x86_64")]
         match self.0 {
             Avx512Bf16 => return unsafe { avx512::run_bf16(kernel) },
@@ -129,8 +129,8 @@ impl Level {
     }
 }
 
-/// Runs `work`, plain code, compiled for the best registers of this processor, as far as the compiler inlines it: with
-/// population counts and shifts that the oldest processors lack.
+/// Runs `work` (plain code) compiled for the best registers of this processor, as far as the compiler inlines it. The compiled
+/// code may use population counts and shifts that the oldest processors lack.
 #[inline]
 pub fn at_best<R>(work: impl FnOnce() -> R) -> R {
     Level::best().run(Work(work))
@@ -158,7 +158,7 @@ impl<F: FnOnce() -> R, R> Kernel for Work<F> {
     }
 }
 
-/// Not inlined: the others' callers are not to hold its stack too.
+/// Not inlined, so that a caller that runs another level does not reserve its stack.
 #[inline(never)]
 fn portable<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(plain::Plain)

@@ -1,11 +1,11 @@
-//! The rows of a block that have an input row, tap by tap.
+//! For each tap, the rows of a block that have an input row.
 
 use std::{marker::PhantomData, mem::MaybeUninit};
 
 use super::Simd;
 use crate::ABSENT;
 
-/// An input row and the row of the block that it meets at a tap.
+/// An input row and the row of the block that reads it at a tap.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
 pub(super) struct Pair {
@@ -15,27 +15,27 @@ pub(super) struct Pair {
     pub(super) row: u32,
 }
 
-/// Rows of a block: its sums (at most 64 channels) fill three quarters of a first-level cache of 32 KiB. A multiple of
-/// all tile heights (6, 8, 12), so that a block without absent rows is covered by tall tiles.
+/// Number of rows in a block. The block's sums (at most 64 channels) fill three quarters of a first-level cache of 32 KiB.
+/// A multiple of all tile heights (6, 8, 12), so that tall tiles cover a block without absent rows.
 pub(crate) const BLOCK: usize = 96;
 
-/// Taps that are listed at once: as many as a register of AVX-512 holds.
+/// Number of taps that are listed at once: the lanes of an AVX-512 register.
 pub(super) const GROUP: usize = 16;
 
-/// A register of pairs is written whole, and kept as far as it counts.
+/// Extra room at the end, in pairs: a register of pairs is always written whole, and only the present pairs are counted.
 const SLACK: usize = 8;
 
 /// The pairs of one block of rows, for [`GROUP`] taps at a time.
 ///
-/// What [`Simd::list`] writes is what safe code relies on: `counts`, `inputs`, and rows of pairs among the block's.
+/// Safe code relies on what [`Simd::list`] writes: `counts`, `inputs`, and pairs whose rows are rows of the block.
 pub struct Lists<'a> {
     /// The input row of each row of the block and each tap.
     pub(super) index: &'a [u32],
     pub(super) taps: usize,
-    /// Of the block; at most [`BLOCK`].
+    /// Number of rows of the block; at most [`BLOCK`].
     pub(super) rows: usize,
     pub(super) pairs: [[MaybeUninit<Pair>; BLOCK + SLACK]; GROUP],
-    /// Pairs at each tap of the group; so many are initialised.
+    /// Number of pairs at each tap of the group; these pairs are initialised.
     pub(super) counts: [usize; GROUP],
     /// Every listed input row is below this.
     pub(super) inputs: usize,
@@ -43,12 +43,12 @@ pub struct Lists<'a> {
     held: Option<usize>,
 }
 
-/// The pairs of one tap, or of several in a row that have all rows of the block; and what they stay below.
+/// The pairs of one tap, or of several consecutive taps at which every row of the block is present; and bounds of their rows.
 #[derive(Clone, Copy)]
 pub(crate) struct Listed<'a> {
-    /// Of the first tap; `taps` times as many as [`Listed::pairs`] can be read from there on.
+    /// The first pair of the first tap. At each of the `taps` taps, [`Listed::TAP_STRIDE`] pairs apart, `count` pairs can be read.
     pub(super) first: *const Pair,
-    /// At each tap.
+    /// Number of pairs at each tap.
     count: usize,
     taps: usize,
     inputs: usize,
@@ -94,7 +94,7 @@ impl Lists<'_> {
         }
     }
 
-    /// [`Lists::at_tap`], with as many taps after it as are listed and, like it, have every row: their sums can stay in registers from tap to tap.
+    /// [`Lists::at_tap`], with the listed taps after it as long as every row is present at each of them: the sums can stay in registers.
     #[inline(always)]
     pub(crate) fn at_taps_from<S: Simd>(&mut self, simd: S, tap: usize) -> Listed<'_> {
         self.at_tap(simd, tap);
@@ -108,7 +108,7 @@ impl Lists<'_> {
         }
     }
 
-    /// What [`Simd::list`] does, on any processor.
+    /// The implementation of [`Simd::list`] for any processor.
     #[inline(always)]
     pub(super) fn list_plain(&mut self, first: usize) {
         if self.held.is_none() {
@@ -120,12 +120,12 @@ impl Lists<'_> {
         for (tap, (pairs, counted)) in (first..self.taps).zip(lists) {
             let mut count = 0;
             for row in 0..self.rows {
-                // SAFETY: `new` has seen `rows` rows of `taps` entries, BLOCK at most; `count` is not above `row`.
+                // SAFETY: `new` has checked that `index` has `rows` (at most BLOCK) rows of `taps` entries; `count` is not above `row`.
                 let (input, pair) = unsafe {
                     let input = *self.index.get_unchecked(row * self.taps + tap);
                     (input, pairs.get_unchecked_mut(count))
                 };
-                // Always written, kept when present: no branch to mispredict.
+                // The pair is always written, and counted only when present: no branch can be mispredicted.
                 let row = row as u32;
                 pair.write(Pair { input, row });
                 count += usize::from(input != ABSENT);
@@ -136,23 +136,23 @@ impl Lists<'_> {
 }
 
 impl Listed<'_> {
-    /// Of the first tap.
+    /// The pairs of the first tap.
     #[inline(always)]
     pub(super) fn pairs(&self) -> &[Pair] {
-        // SAFETY: `Lists` has written so many pairs, which the lifetime keeps as they are.
+        // SAFETY: `Lists` has written `count` pairs; the lifetime keeps them unchanged.
         unsafe { std::slice::from_raw_parts(self.first, self.count) }
     }
 
-    /// How many taps.
+    /// Number of taps.
     #[inline(always)]
     pub(crate) fn taps(&self) -> usize {
         self.taps
     }
 
-    /// The pairs of each of the taps begin so many pairs after those of the one before.
+    /// Distance, in pairs, from the first pair of a tap to the first pair of the next tap.
     pub(super) const TAP_STRIDE: usize = BLOCK + SLACK;
 
-    /// Panics when a pair names a row that is not there.
+    /// Panics when a pair names a row that does not exist.
     #[inline(always)]
     pub(super) fn check(&self, inputs: usize, rows: usize) {
         assert!(

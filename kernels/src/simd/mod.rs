@@ -1,11 +1,11 @@
-//! The registers of a processor behind one small trait, chosen at run time.
+//! One small trait for the vector registers of every processor; the level is chosen at run time.
 //!
 //! A [`Kernel`] is written once, generic over [`Simd`], and compiled for every [`Level`]. Its code must be
-//! `#[inline(always)]` down to the registers: only what is inlined into a level's entry is compiled for its features.
+//! `#[inline(always)]` down to the registers: only code that is inlined into a level's entry is compiled for its features.
 //! All `unsafe` of this crate is in this folder.
 #![allow(unsafe_code)]
 
-/// Methods of a [`Simd`] that are one expression of instructions, for which `self` is the proof alone.
+/// Methods of a [`Simd`] that are one expression of instructions; `self` alone proves that the processor has them.
 macro_rules! methods {
     ($(fn $name:ident($($argument:ident: $type:ty),*) -> $out:ty = $value:expr;)*) => {$(
         #[inline(always)]
@@ -47,13 +47,13 @@ pub(crate) use winograd::{Output, TILES_MAX, WINDOWS, Windows};
 pub unsafe trait Simd: Copy {
     /// A register of f32, `LANES` of them.
     type Vector: Copy;
-    /// A register of as many 32-bit lanes: i32, pairs of bf16 or i16 (the first in the lower half), or quads of bytes.
+    /// A register of `LANES` 32-bit lanes: i32, pairs of bf16 or i16 (the first in the lower half), or quads of bytes.
     type Bits: Copy;
-    /// f32 in a register.
+    /// Number of f32 in a register.
     const LANES: usize;
-    /// Registers that the processor names.
+    /// Number of registers.
     const REGISTERS: usize;
-    /// Whether the processor multiplies signed bytes alone: inputs lack 128 then.
+    /// Whether the processor only multiplies signed bytes; then 128 is subtracted from each input.
     const SIGNED_BYTES: bool = false;
 
     /// All lanes equal to `value`.
@@ -68,18 +68,18 @@ pub unsafe trait Simd: Copy {
     /// The two bf16 of each lane as f32.
     fn halves(self, pairs: Self::Bits) -> (Self::Vector, Self::Vector);
 
-    /// Of pairs of bf16, `a.0 * b.0 + a.1 * b.1 + c` in each lane. How often it rounds is the processor's choice.
+    /// For pairs of bf16: `a.0 * b.0 + a.1 * b.1 + c` in each lane. The number of roundings depends on the processor.
     #[inline(always)]
     fn dot_pairs(self, a: Self::Bits, b: Self::Bits, c: Self::Vector) -> Self::Vector {
         let (a, b) = (self.halves(a), self.halves(b));
         self.fma(a.1, b.1, self.fma(a.0, b.0, c))
     }
 
-    /// Of quads of bytes, `a.0 * b.0 + a.1 * b.1 + a.2 * b.2 + a.3 * b.3 + c` in each lane, exactly; modulo 2^32. `a`
-    /// holds u8, or i8 with [`Simd::SIGNED_BYTES`]; `b` holds i8, `c` i32.
+    /// For quads of bytes: `a.0 * b.0 + a.1 * b.1 + a.2 * b.2 + a.3 * b.3 + c` in each lane, exactly, modulo 2^32. `a` has
+    /// u8, or i8 with [`Simd::SIGNED_BYTES`]; `b` has i8, `c` has i32.
     fn dot_quads(self, a: Self::Bits, b: Self::Bits, c: Self::Bits) -> Self::Bits;
 
-    /// Of pairs of i16, `a.0 * b.0 + a.1 * b.1 + c` in each lane, modulo 2^32.
+    /// For pairs of i16: `a.0 * b.0 + a.1 * b.1 + c` in each lane, modulo 2^32.
     fn dot_shorts(self, a: Self::Bits, b: Self::Bits, c: Self::Bits) -> Self::Bits;
 
     /// `a + b` of i32, modulo 2^32.
@@ -94,7 +94,7 @@ pub unsafe trait Simd: Copy {
     /// `a - b` of i16, modulo 2^16.
     fn sub_shorts(self, a: Self::Bits, b: Self::Bits) -> Self::Bits;
 
-    /// Lists the block's rows that are present at each of the taps from `first` on, as many as `lists` holds.
+    /// Lists the block's rows that are present at each tap from `first` on, for as many taps as `lists` has room for.
     #[inline(always)]
     fn list(self, lists: &mut Lists, first: usize) {
         lists.list_plain(first);
@@ -104,20 +104,20 @@ pub unsafe trait Simd: Copy {
 /// Reads a register `V` of a [`Simd`].
 ///
 /// # Safety
-/// `from` is valid for reads of as many values as it has lanes; no alignment is needed.
+/// `from` is valid for reads of as many values as `V` has lanes; no alignment is needed.
 #[inline(always)]
 unsafe fn load<V: Copy, T>(from: *const T) -> V {
-    // SAFETY: the caller vouches for the values; every pattern of them is a register.
+    // SAFETY: the caller guarantees the values; every bit pattern of them is a valid register.
     unsafe { from.cast::<V>().read_unaligned() }
 }
 
 /// Writes a register `V` of a [`Simd`].
 ///
 /// # Safety
-/// `to` is valid for writes of as many values as it has lanes; no alignment is needed.
+/// `to` is valid for writes of as many values as `V` has lanes; no alignment is needed.
 #[inline(always)]
 unsafe fn store<V: Copy, T>(to: *mut T, value: V) {
-    // SAFETY: the caller vouches for the values.
+    // SAFETY: the caller guarantees the values.
     unsafe { to.cast::<V>().write_unaligned(value) }
 }
 
@@ -130,7 +130,7 @@ pub(crate) trait Kernel {
     fn run<S: Simd>(self, simd: S) -> Self::Output;
 }
 
-/// Not below `floor`. Written so that NaN passes.
+/// The larger of `value` and `floor`; NaN stays NaN.
 #[inline(always)]
 pub(crate) fn clamp(value: f32, floor: f32) -> f32 {
     if value < floor { floor } else { value }

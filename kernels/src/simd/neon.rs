@@ -1,10 +1,10 @@
-//! NEON: 32 registers of 4 f32. With `DOT` also its products of bytes.
+//! NEON: 32 registers of 4 f32. With `DOT` also products of bytes.
 
 use std::{arch::aarch64::*, mem::transmute};
 
 use super::{Kernel, Simd};
 
-/// Made in the functions below only, so whoever holds one runs on a processor that has these registers and products.
+/// Only the functions below construct it, so a value proves that the processor has these registers and products.
 #[derive(Clone, Copy)]
 pub(crate) struct Neon<const DOT: bool>(());
 
@@ -32,7 +32,7 @@ unsafe impl<const DOT: bool> Simd for Neon<DOT> {
     type Bits = uint32x4_t;
     const LANES: usize = 4;
     const REGISTERS: usize = 32;
-    // There are products of two signed bytes, and of two unsigned ones; of both only in later processors.
+    // NEON multiplies two signed or two unsigned bytes; only later processors multiply a signed by an unsigned byte.
     const SIGNED_BYTES: bool = true;
 
     methods! {
@@ -60,14 +60,14 @@ unsafe impl<const DOT: bool> Simd for Neon<DOT> {
             let (a, b) = (vreinterpretq_s8_u32(a), vreinterpretq_s8_u32(b));
             let mut sum = vreinterpretq_s32_u32(c);
             if DOT {
-                // Registers alone. (The intrinsic is not stable.)
+                // The instruction uses registers alone. The intrinsic is not stable.
                 std::arch::asm!(
                     "sdot {sum:v}.4s, {a:v}.16b, {b:v}.16b",
                     sum = inout(vreg) sum, a = in(vreg) a, b = in(vreg) b,
                     options(pure, nomem, nostack, preserves_flags)
                 );
             } else {
-                // By way of 16 bits. Two products fit: at most 2 * 128 * 127.
+                // Products of 16 bits. The sum of two products fits: at most 2 * 128 * 127.
                 let low = vmull_s8(vget_low_s8(a), vget_low_s8(b));
                 sum = vpadalq_s16(sum, vpaddq_s16(low, vmull_high_s8(a, b)));
             }

@@ -1,15 +1,15 @@
-//! What a convolution multiplies: f32, pairs of bf16 or of i16, quads of bytes; and how weights are packed for it.
+//! The operands of a convolution: f32, pairs of bf16 or of i16, quads of bytes; and the packing of weights.
 
 use std::fmt::Debug;
 
 use super::{Simd, load};
 use crate::{Bf16, Element};
 
-/// A value of an input row, [`Operand::STEP`] of which meet a weight at once.
+/// A value of an input row. One product takes [`Operand::STEP`] values at once.
 pub trait Operand: Copy + Default {
     /// Packed weights of a step.
     type Weight: Copy + Default + Debug + PartialEq + Send + Sync;
-    /// What products are added in.
+    /// The type in which products are added.
     type Sum: Sum;
     /// A register of inputs or of weights.
     type Factor<S: Simd>: Copy;
@@ -17,32 +17,32 @@ pub trait Operand: Copy + Default {
     type Total<S: Simd>: Copy;
     /// Input channels of a step.
     const STEP: usize;
-    /// Whether a product takes a few registers besides its operands where the processor has no instruction for it.
+    /// Whether a product needs a few registers besides its operands on a processor without an instruction for it.
     const NEEDS_SPARE: bool = false;
 
-    /// What a packed weight of 1 is worth in each output channel. Given are taps, input and output channels, and the weight of each.
+    /// The value of a packed weight of 1 in each output channel. Arguments: taps, input and output channels; the weight at each of them.
     ///
     /// # Panics
-    /// When these cannot multiply so many channels.
+    /// When the sums over so many channels could overflow.
     fn scales([_, _, cout]: [usize; 3], _: impl Fn([usize; 3]) -> f32) -> Vec<f32> {
         vec![1.0; cout]
     }
 
-    /// A weight in units of its output channel's scale, as it is packed.
+    /// A weight as it is packed, in units of its output channel's scale.
     fn rounded(weight: f32, _scale: f32) -> f32 {
         weight
     }
 
-    /// Rows of packed weights that a tap has.
+    /// Number of rows of packed weights per tap.
     #[inline(always)]
     fn tap_rows(cin: usize) -> usize {
         cin.div_ceil(Self::STEP)
     }
 
-    /// Row `row` of a tap, for an output channel of this scale. `weight`: of an input channel below `cin`.
+    /// Packs row `row` of a tap for an output channel of this scale. `weight`: the weight of an input channel below `cin`.
     fn pack(row: usize, cin: usize, scale: f32, weight: impl Fn(usize) -> f32) -> Self::Weight;
 
-    /// The channels of a step in all lanes.
+    /// The channels of one step, repeated in all lanes.
     ///
     /// # Safety
     /// `from` is valid for reads of a step's channels.
@@ -56,10 +56,10 @@ pub trait Operand: Copy + Default {
         sums: Self::Total<S>,
     ) -> Self::Total<S>;
 
-    /// What the steps leave of a tap. `weights`: its rows after theirs.
+    /// Adds the rows of a tap that belong to no step. `weights`: the tap's rows after the rows of the steps.
     ///
     /// # Safety
-    /// `weights` is valid for reads of what [`Operand::tap_rows`] has beyond the steps: rows of `V` registers.
+    /// `weights` is valid for reads of the rows that [`Operand::tap_rows`] counts beyond the steps, each of `V` registers.
     #[inline(always)]
     unsafe fn end_tap<S: Simd, const R: usize, const V: usize>(
         _: S,
@@ -69,12 +69,12 @@ pub trait Operand: Copy + Default {
     }
 }
 
-/// What products are added in.
+/// The type in which products are added.
 pub trait Sum: Copy + Default {
-    /// What a sum begins with, in a channel of this bias.
+    /// The initial value of a sum in a channel with this bias.
     fn begin(bias: f32) -> Self;
 
-    /// What a sum is worth in a channel of this scale and bias.
+    /// The output value of a sum in a channel with this scale and bias.
     fn finish(self, scale: f32, bias: f32) -> f32;
 }
 
@@ -96,14 +96,14 @@ impl Sum for i32 {
         0
     }
 
-    /// Sums are exact; only here is rounded: once the product with the scale, once the sum with the bias.
+    /// Sums are exact. Only this function rounds: once the product with the scale, once the sum with the bias.
     #[inline(always)]
     fn finish(self, scale: f32, bias: f32) -> f32 {
         self as f32 * scale + bias
     }
 }
 
-// SAFETY (all below): the caller vouches for the pointers.
+// SAFETY (all below): the caller guarantees the pointers.
 impl Operand for f32 {
     type Weight = f32;
     type Sum = f32;
@@ -152,10 +152,10 @@ impl Operand for Bf16 {
 
 /// The largest weight in i8; -128 is left out, so that the range is symmetric.
 const LARGEST: f32 = 127.0;
-/// Products of so many inputs (255 at most) and weights fit an i32.
+/// The sum of this many products of an input (at most 255) and a weight fits an i32.
 const INPUTS_MAX: usize = i32::MAX as usize / (255 * 127);
 
-/// Weights are i8; each output channel's largest is 127 of its scale. The last row of a tap is 128 times the sum of each column, for [`Simd::SIGNED_BYTES`].
+/// Weights are i8; the largest of an output channel is 127. The last row of a tap is 128 times each column's sum, for [`Simd::SIGNED_BYTES`].
 impl Operand for u8 {
     type Weight = u32;
     type Sum = i32;
@@ -164,7 +164,7 @@ impl Operand for u8 {
     const STEP: usize = 4;
     const NEEDS_SPARE: bool = true;
 
-    /// 0 where all weights are 0.
+    /// The scale of a channel is 0 when all its weights are 0.
     fn scales([taps, cin, cout]: [usize; 3], weight: impl Fn([usize; 3]) -> f32) -> Vec<f32> {
         assert!(taps * cin <= INPUTS_MAX, "{taps} x {cin} inputs of a value");
         let mut largest = vec![0.0_f32; cout];
@@ -204,7 +204,7 @@ impl Operand for u8 {
     #[inline(always)]
     unsafe fn splat<S: Simd>(simd: S, from: *const u8) -> S::Bits {
         let quad = unsafe { from.cast::<u32>().read_unaligned() };
-        // Turning the upper bit takes 128 from a byte.
+        // Inverting the upper bit subtracts 128 from a byte.
         let turned = if S::SIGNED_BYTES { 0x8080_8080 } else { 0 };
         simd.splat_bits(quad ^ turned)
     }
@@ -231,7 +231,7 @@ impl Operand for u8 {
     }
 }
 
-/// Counts of 0 to 255 as rows of u8 have, with the same sums: faster where the processor multiplies no bytes. Weights are those of u8, in i16.
+/// Values of 0 to 255 with the same sums and weights as u8, but in i16: faster on a processor without products of bytes.
 impl Operand for i16 {
     type Weight = u32;
     type Sum = i32;
@@ -283,11 +283,11 @@ pub(super) unsafe fn multiply<I: Operand, S: Simd, const R: usize, const V: usiz
     width: usize,
     totals: &mut [[I::Total<S>; V]; R],
 ) {
-    // SAFETY: the caller vouches for both.
+    // SAFETY: the caller guarantees both.
     unsafe {
         for c in 0..cin / I::STEP {
             step(simd, |r| inputs[r].add(c * I::STEP), weights, totals);
-            // After the last row it may lie beyond the weights, where nothing is read.
+            // After the last row the pointer may lie beyond the weights; nothing is read there.
             weights = weights.wrapping_add(width);
         }
         let rest = cin % I::STEP;
@@ -305,10 +305,10 @@ pub(super) unsafe fn multiply<I: Operand, S: Simd, const R: usize, const V: usiz
     }
 }
 
-/// One step of input channels. `input`: those of row `r`.
+/// Multiplies one step of input channels. `input(r)`: the channels of row `r`.
 ///
 /// # Safety
-/// What `input` gives for `r` below R is valid for reads of a step, `weights` for reads of V registers.
+/// `input(r)` for `r` below R is valid for reads of a step, `weights` for reads of V registers.
 #[inline(always)]
 pub(super) unsafe fn step<I: Operand, S: Simd, const R: usize, const V: usize>(
     simd: S,
@@ -316,7 +316,7 @@ pub(super) unsafe fn step<I: Operand, S: Simd, const R: usize, const V: usize>(
     weights: *const I::Weight,
     totals: &mut [[I::Total<S>; V]; R],
 ) {
-    // SAFETY: the caller vouches for both.
+    // SAFETY: the caller guarantees both.
     unsafe {
         let mut w: [I::Factor<S>; V] = [load(weights); V];
         for v in 1..V {

@@ -1,4 +1,4 @@
-//! Any processor: four values that the compiler may or may not put in a register.
+//! For any processor: arrays of four values, which the compiler may put in a register.
 
 use super::Simd;
 

@@ -1,10 +1,10 @@
-//! Rows side by side, as many as a step of products takes: what a sum over rows reads.
+//! Interleaved rows, as many as a step of products takes: the operands of a sum over rows.
 
 use std::ops::Range;
 
 use super::{Aligned, BLOCK, LINE, Operand, list::Listed};
 
-/// Channels of a block's listed rows: `[step][width][Operand::STEP]`, with zeros for what a last step and a last line lack.
+/// Channels of a block's listed rows: `[step][width][Operand::STEP]`; the last step and the last line are padded with zeros.
 pub(crate) struct Rows<I: Operand> {
     values: Aligned<I::Weight>,
     pub(super) channels: usize,
@@ -12,7 +12,7 @@ pub(crate) struct Rows<I: Operand> {
 }
 
 impl<I: Operand> Rows<I> {
-    /// Room for so many channels.
+    /// Room for `channels` channels.
     pub(crate) fn new(channels: usize) -> Rows<I> {
         Rows {
             values: Aligned::zeros(BLOCK * channels.next_multiple_of(LINE)),
@@ -21,7 +21,7 @@ impl<I: Operand> Rows<I> {
         }
     }
 
-    /// Channels of the rows that the pairs name: of the input, or of the block. `from`: rows of `stride`.
+    /// Copies the channels of the rows that the pairs name: with `INPUT` rows of the input, else of the block. `from`: rows of `stride`.
     #[inline(always)]
     pub(crate) fn fill<const INPUT: bool>(
         &mut self,
@@ -38,7 +38,7 @@ impl<I: Operand> Rows<I> {
         let width = self.width();
         let values = &mut self.values.as_mut_slice()[..self.steps * width];
         let len = values.len() * I::STEP;
-        // SAFETY: a packed weight is the bits of STEP values, every pattern of which is one.
+        // SAFETY: a packed weight is the bits of STEP values, and every bit pattern is valid.
         let values = unsafe { std::slice::from_raw_parts_mut(values.as_mut_ptr().cast(), len) };
         let steps = values.chunks_exact_mut(width * I::STEP);
         for (to, pairs) in steps.zip(pairs.chunks(I::STEP)) {
@@ -51,7 +51,7 @@ impl<I: Operand> Rows<I> {
             };
             let rows = [row(0).as_chunks::<LINE>(), row(1).as_chunks()];
             for (line, to) in to.chunks_exact_mut(LINE * I::STEP).enumerate() {
-                // A line at a time: the compiler knows how long that is.
+                // One line at a time: the compiler knows its length.
                 let lines = rows.map(|(lines, rest)| {
                     lines.get(line).copied().unwrap_or_else(|| {
                         let mut last = [I::default(); LINE];
@@ -68,7 +68,7 @@ impl<I: Operand> Rows<I> {
         }
     }
 
-    /// Values of a step, with the padding.
+    /// Number of values of a step, padding included.
     #[inline(always)]
     pub(super) fn width(&self) -> usize {
         self.channels.next_multiple_of(LINE)

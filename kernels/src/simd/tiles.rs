@@ -1,8 +1,8 @@
-//! The inner loops: a tile of sums (rows x output channels) held in registers.
+//! The inner loops: a tile of sums (rows x output channels) stays in registers.
 //!
-//! They go through the pairs of a tap, one for each output row that has an input row there (the gradient through copies of
-//! their rows), so absent rows cost nothing. Every sum adds its products in one order (taps, then input channels; rows for the gradient), whatever
-//! the shape of its tile: the bits depend neither on the shapes nor on the threads.
+//! The loops iterate over the pairs of a tap, one for each output row that has an input row there (the gradient over copies of
+//! these rows), so absent rows cost nothing. Every sum adds its products in one order (taps, then input channels; for the gradient
+//! rows), independent of its tile's shape: the bits depend neither on the shapes nor on the threads.
 
 use super::{
     LINE, Operand, Rows, Simd,
@@ -37,7 +37,7 @@ pub(crate) fn convolve_tiles<I: Operand, S: Simd>(
         width,
         sums: sums.as_mut_ptr(),
     };
-    // SAFETY: the table has a row for each pair and `width` columns; `check` has seen that every pair points to a whole
+    // SAFETY: the table has a row for each pair and `width` columns; `check` has verified that every pair points to a whole
     // row inside `input` and inside `sums`, and `weights` has its rows of `width` for each tap.
     unsafe { cover(simd, listed.pairs().len(), width, &tile) }
 }
@@ -57,7 +57,7 @@ impl<I: Operand> Tile for Convolve<'_, I> {
     #[inline(always)]
     unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]) {
         let [row, column] = at;
-        // SAFETY: `convolve_tiles` has checked the pairs and the lengths, the caller gives rows and columns inside.
+        // SAFETY: `convolve_tiles` has checked the pairs and the lengths; the caller gives rows and columns inside the table.
         unsafe {
             let mut inputs = [self.input; R];
             let mut sums = [self.sums; R];
@@ -73,7 +73,7 @@ impl<I: Operand> Tile for Convolve<'_, I> {
                     inputs[r] = self.input.add((*pairs.add(r)).input as usize * self.cin);
                 }
                 multiply(simd, inputs, self.cin, weights, self.width, &mut totals);
-                // After the last tap it may lie beyond the weights, where nothing is read.
+                // After the last tap the pointer may lie beyond the weights; nothing is read there.
                 weights = weights.wrapping_add(I::tap_rows(self.cin) * self.width);
             }
             store_tile::<I, S, R, V>(sums, totals);
@@ -101,8 +101,8 @@ pub(crate) fn gradient_tiles<I: Operand<Sum = f32>, S: Simd>(
         gradient: gradient.as_mut_ptr(),
         stride,
     };
-    // SAFETY: the table has a row for each input channel and `width` columns; `inputs` and `outputs` hold their steps whole, and
-    // `gradient` holds `cin` rows of `width` at `stride`.
+    // SAFETY: the table has a row for each input channel and `width` columns; `inputs` and `outputs` contain all values of
+    // their steps, and `gradient` contains `cin` rows of `width` at `stride`.
     unsafe { cover(simd, cin, width, &tile) }
 }
 
@@ -117,7 +117,7 @@ impl<I: Operand<Sum = f32>> Tile for Gradient<'_, I> {
     #[inline(always)]
     unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]) {
         let [row, column] = at;
-        // SAFETY: `gradient_tiles` has checked the lengths, the caller gives rows (input channels) and columns inside.
+        // SAFETY: `gradient_tiles` has checked the lengths; the caller gives rows (input channels) and columns inside the table.
         unsafe {
             let mut sums = [self.gradient; R];
             for r in 0..R {
@@ -134,7 +134,7 @@ impl<I: Operand<Sum = f32>> Tile for Gradient<'_, I> {
     }
 }
 
-/// The sums of a tile.
+/// Loads the sums of a tile.
 ///
 /// # Safety
 /// Each of `rows` is valid for reads of V registers.
@@ -142,7 +142,7 @@ impl<I: Operand<Sum = f32>> Tile for Gradient<'_, I> {
 unsafe fn load_tile<I: Operand, S: Simd, const R: usize, const V: usize>(
     rows: [*mut I::Sum; R],
 ) -> [[I::Total<S>; V]; R] {
-    // SAFETY: the caller vouches for the rows.
+    // SAFETY: the caller guarantees the rows.
     unsafe {
         let mut totals = [[load(rows[0]); V]; R];
         for r in 0..R {
@@ -154,7 +154,7 @@ unsafe fn load_tile<I: Operand, S: Simd, const R: usize, const V: usize>(
     }
 }
 
-/// [`load_tile`] back.
+/// Stores the sums of a tile; the inverse of [`load_tile`].
 ///
 /// # Safety
 /// Each of `rows` is valid for writes of V registers.
@@ -163,7 +163,7 @@ pub(super) unsafe fn store_tile<I: Operand, S: Simd, const R: usize, const V: us
     rows: [*mut I::Sum; R],
     totals: [[I::Total<S>; V]; R],
 ) {
-    // SAFETY: the caller vouches for the rows.
+    // SAFETY: the caller guarantees the rows.
     unsafe {
         for r in 0..R {
             for v in 0..V {

@@ -12,9 +12,9 @@ use super::{
 };
 use crate::{ABSENT, Element, weights::PANEL_MAX, winograd::PLACES};
 
-/// What layers by tiles multiply.
+/// A type of values that a layer by Winograd tiles can multiply.
 pub trait Tiled: Element {
-    /// Transformed weights are so many times G g G', which makes them whole where weights are.
+    /// Transformed weights are G g G' times this factor, which makes them integers where the weights are integers.
     const WEIGHT_FACTOR: f32;
 
     /// `a + b` of values, `a - b` with `MINUS`.
@@ -68,9 +68,9 @@ impl Tiled for i16 {
     }
 }
 
-/// Values of transformed windows that have room: in f32 384 KiB, all of a chunk for 128 channels and a step of one for 512.
+/// Room for transformed windows, in values: 384 KiB in f32; a whole chunk with 128 channels, or one step of a chunk with 512.
 pub(crate) const WINDOWS: usize = 96 * 1024;
-/// With its sums such a chunk fits a second-level cache of 1 MiB. Measured: chunks of 24 and 16 are slower.
+/// Maximum number of tiles in a chunk: with its sums it fits a second-level cache of 1 MiB. Measured: chunks of 24 and 16 are slower.
 pub(crate) const TILES_MAX: usize = 48;
 const SUMS: usize = PLACES * TILES_MAX * PANEL_MAX;
 
@@ -80,25 +80,25 @@ pub(crate) struct WinogradMemory<I: Tiled> {
     sums: AlignedArray<I::Sum, SUMS>,
 }
 
-/// Where the outputs of a panel go.
+/// Where the outputs of a panel are written.
 pub(crate) struct Output<'a, O> {
     /// Rows of `channels`, from row `first_row` of the map on.
     pub(crate) values: &'a mut [O],
-    /// Rows of tiles count from the map's begin.
+    /// The first row of `values` in the map. Tiles name rows of the whole map.
     pub(crate) first_row: usize,
-    /// Of a row.
+    /// Number of channels of a row.
     pub(crate) channels: usize,
     /// Channels of the panel.
     pub(crate) columns: Range<usize>,
-    /// What no output is below.
+    /// The lower bound of the outputs.
     pub(crate) floor: f32,
 }
 
 /// The transformed windows of a chunk of tiles.
 pub(crate) struct Windows<'a, I: Tiled> {
-    /// `tiles` rows of `cin` at each place are initialised.
+    /// At each place, `tiles` rows of `cin` values are initialised.
     windows: *const I,
-    /// Room for [`SUMS`].
+    /// Room for [`SUMS`] values.
     sums: *mut I::Sum,
     tiles: usize,
     cin: usize,
@@ -106,8 +106,8 @@ pub(crate) struct Windows<'a, I: Tiled> {
 }
 
 impl<'a, I: Tiled> Windows<'a, I> {
-    /// B' d B of each window d. `input`: rows of `cin`; `windows`: 16 rows of it a tile. `memory` need not be initialised:
-    /// it is larger than a stack would like to hold twice.
+    /// Computes B' d B of each window d. `input`: rows of `cin`; `windows`: 16 input rows per tile. `memory` may be
+    /// uninitialised: it is too large to be on the stack twice.
     #[inline(always)]
     pub(crate) fn transformed<S: Simd>(
         simd: S,
@@ -135,7 +135,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
         let zero = unsafe { I::splat(simd, [I::default(); 4].as_ptr()) };
         for (tile, rows) in windows.chunks_exact(PLACES).enumerate() {
             for channel in (0..cin).step_by(lanes) {
-                // The last register may hold channels of the one before it again.
+                // The last register may repeat channels of the register before it.
                 let channel = channel.min(cin - lanes);
                 let mut d = [[zero; 4]; 4];
                 for y in 0..4 {
@@ -143,7 +143,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
                         let row = rows[4 * y + x];
                         if row != ABSENT {
                             // SAFETY: a row that is not absent lies in `input` (`end`), and a register of channels
-                            // from `channel` on lies in it, as `channel` + lanes <= cin.
+                            // from `channel` on lies in the row, because `channel` + lanes <= cin.
                             d[y][x] =
                                 unsafe { load(input.as_ptr().add(row as usize * cin + channel)) };
                         }
@@ -154,7 +154,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
                 for y in 0..4 {
                     for x in 0..4 {
                         let place = ((y * 4 + x) * tiles + tile) * cin + channel;
-                        // SAFETY: place + lanes <= 16 tiles cin = `values`, which `windows` has room for.
+                        // SAFETY: place + lanes <= 16 tiles cin = `values`, and `windows` has room for `values`.
                         unsafe { store(to.add(place), d[x][y]) };
                     }
                 }
@@ -169,8 +169,8 @@ impl<'a, I: Tiled> Windows<'a, I> {
         }
     }
 
-    /// The outputs of a panel: windows times weights at each place, transformed back, scaled, the bias added. `weights`:
-    /// `[place][row][width]`; `scale` and `bias`: `width` values; `rows`: 4 of the map a tile.
+    /// Computes the outputs of a panel: windows times weights at each place, transformed back, scaled, the bias added.
+    /// `weights`: `[place][row][width]`; `scale` and `bias`: `width` values; `rows`: 4 rows of the map per tile.
     #[inline(always)]
     pub(crate) fn panel<S: Simd, O: Element>(
         &mut self,
@@ -195,7 +195,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
     fn multiply<S: Simd>(&mut self, simd: S, weights: &[I::Weight], width: usize) {
         let size = I::tap_rows(self.cin) * width;
         for place in 0..PLACES {
-            // SAFETY: the first of `tiles` rows of `cin`, and of as many rows of `width` that have room.
+            // SAFETY: inside the memory: the first of `tiles` rows of `cin`, and the first of `tiles` rows of `width`.
             let (windows, sums) = unsafe {
                 (
                     self.windows.add(place * self.tiles * self.cin),
@@ -215,7 +215,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
         }
     }
 
-    /// A' m A of the sums m of each tile; a part of [`Windows::panel`], which has just multiplied.
+    /// Computes A' m A of the sums m of each tile; a part of [`Windows::panel`], which has called `multiply` before.
     #[inline(always)]
     fn transform_back<S: Simd, O: Element>(
         &self,
@@ -228,7 +228,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
         let mut sums = AlignedArray([I::Sum::default(); 4 * PANEL_MAX]);
         for (tile, rows) in rows.chunks_exact(4).enumerate() {
             for channel in (0..width).step_by(S::LANES) {
-                // SAFETY: the first of what `multiply` has written.
+                // SAFETY: the first values that `multiply` has written.
                 let mut m = [[unsafe { load(self.sums) }; 4]; 4];
                 for y in 0..4 {
                     for x in 0..4 {
@@ -252,7 +252,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
                 if *row == ABSENT {
                     continue;
                 }
-                // A row before the first one wraps to where no slice reaches.
+                // A row before the first one wraps to an index beyond every slice.
                 let row = (*row as usize).wrapping_sub(output.first_row);
                 let from = row.wrapping_mul(output.channels);
                 let from = from.wrapping_add(output.columns.start);
@@ -317,7 +317,7 @@ impl<I: Tiled> Tile for Product<I> {
     #[inline(always)]
     unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]) {
         let [row, column] = at;
-        // SAFETY: `Windows::multiply` has checked the lengths, the caller gives rows and columns inside; a register has at most LINE lanes.
+        // SAFETY: `Windows::multiply` has checked the lengths; the caller gives rows and columns inside; a register has at most LINE lanes.
         unsafe {
             let (mut windows, mut sums) = ([self.windows; R], [self.sums; R]);
             for r in 0..R {

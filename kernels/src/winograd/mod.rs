@@ -1,10 +1,10 @@
-//! 3x3 layers of stride 1 by tiles of 2x2 outputs: 16 products for each pair of channels instead of 36.
+//! 3x3 layers of stride 1 in tiles of 2x2 outputs: 16 products per tile and pair of channels instead of 36.
 //!
-//! Winograd's minimal filtering F(2x2, 3x3) (Lavin and Gray 2016, section 4.1): a 4x4 window of input rows d and the kernel g are each transformed, multiplied
-//! place by place (so the sum over input channels is one matrix product a place), and the 16 sums are transformed back: Y = A'[(G g G') * (B' d B)]A. The
-//! transforms only add and halve, so the result is the direct one up to rounding, in i16 exactly: B' d B of counts up to 255 lies within 1020, 4 G g G' of
-//! weights up to 127 within 1143, and the sums, 4 times the direct ones, fit an i32 for all channels that fit a chunk. An output depends on its own 3x3 inputs
-//! alone: what it does not read cancels in the formula, not in the arithmetic. An infinite input may make it no number.
+//! Winograd's minimal filtering F(2x2, 3x3) (Lavin and Gray 2016, section 4.1): a 4x4 window d of input rows and the kernel g are transformed and
+//! multiplied place by place (one matrix product per place sums over input channels), then transformed back: Y = A'[(G g G') * (B' d B)]A. The
+//! transforms only add and halve, so the result is the direct one up to rounding. In i16 it is exact: B' d B of values up to 255 lies within 1020,
+//! 4 G g G' of weights up to 127 within 1143, and the sums, 4 times the direct sums, fit an i32 for all channels that fit a chunk. An output depends
+//! on its own 3x3 inputs alone: the formula cancels the other 7. Rounding does not cancel exactly, and an infinite input may give NaN.
 
 mod tiles;
 mod weights;
@@ -23,21 +23,21 @@ pub use weights::WeightsWinograd;
 /// Input rows of a tile's window, and places of the transformed product.
 pub(crate) const PLACES: usize = 16;
 
-/// Chunks are multiples of it: of the heights of most register tiles (4, 6, 12).
+/// Chunk sizes are multiples of this, and so of the heights of most register tiles (4, 6, 12).
 const CHUNK_STEP: usize = 12;
 
-/// Tiles of one task, about: two chunks, so that two threads find something to share in a small scan. A guess.
+/// Approximate number of tiles per task: two chunks, so that two threads can share the work of a small scan. A guess.
 const TILES_A_TASK: usize = 2 * TILES_MAX;
 
-/// Tiles of a chunk whose windows have rows of `cin`; 0 where not even one step of them has room.
+/// Number of tiles in a chunk whose windows have rows of `cin`; 0 when there is no room for one step of tiles.
 fn chunk_tiles(cin: usize) -> usize {
     (WINDOWS / (PLACES * cin)).min(TILES_MAX) / CHUNK_STEP * CHUNK_STEP
 }
 
-/// [`crate::convolve`] of a 3x3 layer of stride 1, tile by tile. `input`: rows of `cin`; `output`: rows of `cout`, of
-/// which those that no tile names keep what they hold.
+/// [`crate::convolve`] of a 3x3 layer of stride 1, tile by tile. `input`: rows of `cin`. `output`: rows of `cout`; rows
+/// that no tile names keep their values.
 ///
-/// Runs over rayon's ambient pool; the bits of the result do not depend on the number of threads. Allocates nothing.
+/// Runs on rayon's current thread pool; the bits of the result do not depend on the number of threads. Allocates nothing.
 ///
 /// # Panics
 /// When lengths or row numbers contradict each other (a broken invariant, not data).
@@ -85,7 +85,7 @@ struct Job<'a, I: Tiled> {
 }
 
 impl<I: Tiled> Job<'_, I> {
-    /// Halves the strips, down to tasks. `output` begins at row `first`.
+    /// Splits the strips recursively, down to tasks. `output` begins at row `first`.
     fn strips<O: Element>(&self, strips: Range<usize>, first: usize, output: &mut [O]) {
         let tiles = self.tiles.before(strips.start)..self.tiles.before(strips.end);
         if tiles.is_empty() {
@@ -105,7 +105,7 @@ impl<I: Tiled> Job<'_, I> {
         );
     }
 
-    /// Computes chunks of tiles, of nearly equal size. Not inlined: the memory of a chunk is not to lie in each of the frames that halve strips.
+    /// Computes chunks of tiles, of nearly equal size. Not inlined, so that the stack frames of `strips` do not contain the memory of a chunk.
     #[inline(never)]
     fn task<O: Element>(&self, tiles: Range<usize>, first: usize, output: &mut [O]) {
         let chunks = tiles.len().div_ceil(chunk_tiles(self.weights.cin));

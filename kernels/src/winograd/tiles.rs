@@ -1,30 +1,30 @@
-//! Which rows the tiles of 2x2 outputs read and write.
+//! The rows that the tiles of 2x2 outputs read and write.
 
 use super::PLACES;
 use crate::ABSENT;
 
-/// Tiles that hold every wanted cell of a map once. Tiles lie at even rows and columns, so that a cell's tile does not depend on which other cells are wanted.
+/// Tiles that cover every requested cell of a map once. They begin at even rows and columns, so a cell's tile does not depend on the other cells.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct WinogradTiles {
-    /// 16 a tile: the input rows of its 4x4 window, row by row; [`ABSENT`] beyond the map.
+    /// 16 per tile: the input rows of its 4x4 window, row by row; [`ABSENT`] beyond the map.
     pub(super) inputs: Vec<u32>,
-    /// 4 a tile: where its outputs are written, row by row; [`ABSENT`] where an output is not wanted.
+    /// 4 per tile: the output rows that it writes, row by row; [`ABSENT`] where an output is not requested.
     pub(super) outputs: Vec<u32>,
     /// Runs of tiles, in order.
     pub(super) strips: Vec<Strip>,
 }
 
-/// The tiles of two rows of a map. They write no row at or beyond their end, the strips after them none before it.
+/// The tiles of two rows of a map. They write only rows before `rows_end`; later strips write only rows from `rows_end` on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Strip {
-    /// The first tile after it.
+    /// The first tile after the strip.
     pub(super) tiles_end: usize,
-    /// The first output row after it.
+    /// The first output row after the strip.
     pub(super) rows_end: usize,
 }
 
 impl WinogradTiles {
-    /// None so far, with room for every cell of a map of rows (y) x columns (x).
+    /// No tiles, with room for every cell of a map of rows (y) x columns (x).
     pub fn new([rows, columns]: [usize; 2]) -> WinogradTiles {
         let (strips, tiles) = (rows.div_ceil(2), rows.div_ceil(2) * columns.div_ceil(2));
         WinogradTiles {
@@ -34,7 +34,7 @@ impl WinogradTiles {
         }
     }
 
-    /// Becomes the tiles of `cells` (row * columns + column, ascending) of a map of this shape.
+    /// Sets the tiles to the tiles of `cells` (row * columns + column, ascending) of a map of this shape.
     ///
     /// # Panics
     /// When the cells do not ascend or lie beyond the map (a broken invariant, not data).
@@ -73,12 +73,12 @@ impl WinogradTiles {
         }
     }
 
-    /// How many tiles.
+    /// Number of tiles.
     pub fn count(&self) -> usize {
         self.outputs.len() / 4
     }
 
-    /// Those of strips before this one.
+    /// Number of tiles in the strips before this one.
     pub(super) fn before(&self, strip: usize) -> usize {
         let last = strip.checked_sub(1).map(|last| self.strips[last].tiles_end);
         last.unwrap_or(0)

@@ -7,14 +7,14 @@ use crate::{
     weights::check,
 };
 
-/// Transformed weights of a 3x3 layer, packed. Those of i16 are whole: 4 G g G' of weights g that are rounded as
-/// [`Weights::pack`] rounds them, at most 9 * 127.
+/// Transformed weights of a 3x3 layer, packed. For i16 they are integers: 4 G g G', at most 9 * 127, of weights g rounded
+/// as [`Weights::pack`] rounds them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WeightsWinograd<I: Tiled = f32>(pub(super) Weights<I>);
 
 impl<I: Tiled> WeightsWinograd<I> {
-    /// Transforms and packs `[tap][cin][cout]` of 9 taps, row by row. `None` where the channels are not whole registers of any processor (multiples of 16;
-    /// input channels of i16: 32 at least), or too many for a chunk of tiles: multiply those directly.
+    /// Transforms and packs `[tap][cin][cout]` of 9 taps, row by row. `None` when the channels do not fill whole registers on every processor
+    /// (multiples of 16; for i16 at least 32 input channels), or are too many for a chunk of tiles: multiply such layers directly.
     ///
     /// # Panics
     /// When `plain` has another length (a broken invariant, not data).
@@ -25,7 +25,7 @@ impl<I: Tiled> WeightsWinograd<I> {
         if !fits || chunk_tiles(cin) == 0 {
             return None;
         }
-        // G g: what a row of the kernel gives at each of four places.
+        // G g: transforms three values of the kernel into four.
         let three_to_four = |[a, b, c]: [f64; 3]| [a, (a + b + c) / 2.0, (a - b + c) / 2.0, c];
         let pairs = cin * cout;
         let scale = I::scales([9, cin, cout], |[tap, i, o]| {

@@ -1,11 +1,11 @@
-//! The plain version that every faster one is compared with, and random cases.
+//! The plain reference that every faster version is compared with, and random cases.
 #![allow(dead_code)] // Each test file uses a part of it.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use mluc_kernels::{ABSENT, Bf16, Element, Gather};
 
-/// A linear congruential generator: the same cases on every machine.
+/// A linear congruential generator: it gives the same cases on every machine.
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
@@ -15,7 +15,7 @@ impl Random {
         (self.0 >> 33) as usize % bound
     }
 
-    /// -0.5 to 0.5.
+    /// Values from -0.5 to 0.5.
     pub(crate) fn values(&mut self, count: usize) -> Vec<f32> {
         let mut value = || self.below(1 << 20) as f32 / (1 << 20) as f32 - 0.5;
         (0..count).map(|_| value()).collect()
@@ -39,7 +39,7 @@ impl Random {
     }
 }
 
-/// Inputs of a convolution whose products are exact: only sums round.
+/// Inputs of a convolution whose products are exact: only the sums are rounded.
 pub(crate) trait Input: Element + PartialEq + std::fmt::Debug {
     const TOLERANCE: f64 = 4e-6;
 
@@ -48,7 +48,7 @@ pub(crate) trait Input: Element + PartialEq + std::fmt::Debug {
         values.map(Self::from_f32).collect()
     }
 
-    /// Those of the first `cout` that scale each output channel come first.
+    /// The first `cout` weights are those that set the scale of each output channel.
     fn weights(random: &mut Random, count: usize, _cout: usize) -> Vec<f32> {
         let rounded = Self::inputs(random, count).into_iter();
         rounded.map(Self::to_f32).collect()
@@ -69,7 +69,7 @@ impl Input for Bf16 {}
 
 macro_rules! counts {
     ($($type:ty),*) => {$(
-        /// The same bits. Extremes are common: a product of bytes that saturates would be noticed.
+        /// The bits must be equal. Extreme values are frequent, so that a saturating product of bytes would be noticed.
         impl Input for $type {
             const TOLERANCE: f64 = 0.0;
 
@@ -78,7 +78,7 @@ macro_rules! counts {
                 (0..count).map(|_| byte()).collect()
             }
 
-            /// Whole numbers up to 127, which each output channel has: its scale is 1.
+            /// Whole numbers up to 127. Each output channel has a 127, so its scale is 1.
             fn weights(random: &mut Random, count: usize, cout: usize) -> Vec<f32> {
                 let mut weight = || {
                     let any = random.below(255) as i32 - 127;
@@ -94,7 +94,7 @@ macro_rules! counts {
                 random.values(cout).iter().map(whole).collect()
             }
 
-            /// Rounded once, as an f32 of an i32 is, and once more with the bias.
+            /// Rounded once, like an i32 that becomes an f32, and once more with the bias.
             fn value(sum: f64, bias: f32) -> f64 {
                 f64::from(sum as f32 + bias)
             }
@@ -115,7 +115,7 @@ pub(crate) fn dense(width: usize, height: usize) -> Gather {
     Gather::new(9, cells.map(entry).collect())
 }
 
-/// Calls `product` for each output row with the number of a row of the weights (`[tap][cin]`) and the input that meets it.
+/// Calls `product` for each output row with the number of a row of the weights (`[tap][cin]`) and the input that it is multiplied by.
 fn each_product(
     input: &[f32],
     cin: usize,
@@ -138,7 +138,7 @@ fn add(to: &mut [f64], x: f64, from: &[f32]) {
     }
 }
 
-/// `[tap][cin][cout]` weights; sums in f64, one row of `cout` for each output row.
+/// Convolution with `[tap][cin][cout]` weights; sums in f64, one row of `cout` for each output row.
 pub(crate) fn convolve(
     input: &[f32],
     cin: usize,
@@ -154,7 +154,7 @@ pub(crate) fn convolve(
     output
 }
 
-/// `[tap][cin][cout]`, in f64.
+/// The gradient of the weights, `[tap][cin][cout]`, in f64.
 pub(crate) fn weight_gradient(
     input: &[f32],
     cin: usize,
@@ -181,7 +181,7 @@ pub(crate) fn assert_near(found: &[f32], expected: &[f64], tolerance: f64, what:
     }
 }
 
-/// Panics unless `work` panics and says `expected`.
+/// Panics unless `work` panics with a message that contains `expected`.
 pub(crate) fn assert_refused<R>(expected: &str, work: impl FnOnce() -> R) {
     let panicked = catch_unwind(AssertUnwindSafe(work)).err().expect("a panic");
     let text = panicked.downcast_ref::<&str>().copied();
@@ -189,7 +189,7 @@ pub(crate) fn assert_refused<R>(expected: &str, work: impl FnOnce() -> R) {
     assert!(text.is_some_and(|text| text.contains(expected)), "{text:?}");
 }
 
-/// Runs `work` on a pool of its own.
+/// Runs `work` on its own pool.
 pub(crate) fn with_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.expect("a pool").install(work)

@@ -1,12 +1,12 @@
-//! Calibration files: named matrices, one a line, row by row.
+//! Calibration files: named matrices, one per line, in row order.
 
 use super::{DatasetError, Result, error::Line, read_text};
 use mluc_geometry::Calibration;
 use std::path::Path;
 
-/// Reads `P2`, `R0_rect` and `Tr_velo_to_cam` of a KITTI calibration file; other lines are passed over.
+/// Reads `P2`, `R0_rect` and `Tr_velo_to_cam` of a KITTI calibration file; other lines are skipped.
 ///
-/// A missing matrix, a wrong count of numbers or a map that cannot be inverted is an error. `P2` may be all 0.
+/// A missing matrix, a wrong count of numbers or a transform that cannot be inverted is an error. `P2` may be all 0.
 pub fn read_calibration(path: &Path) -> Result<Calibration> {
     parse(path, &read_text(path)?)
 }

@@ -1,32 +1,32 @@
-//! What can be wrong with a data set.
+//! Errors in a data set.
 
 use mluc_geometry::CalibrationError;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// A fault in a folder or file of a data set: where it is, what was expected, what was found.
+/// An error in a folder or file of a data set: where it is, what was expected, what was found.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
-    /// The system refused: missing, not readable, not text.
+    /// The system could not read it: missing, not readable, not text.
     #[error("{0}: cannot be read")]
     Read(PathBuf, #[source] std::io::Error),
-    /// The system refused to write a file or folder.
+    /// The system could not write a file or folder.
     #[error("{0}: cannot be written: {1}")]
     Write(PathBuf, std::io::Error),
     /// A calibration that cannot be used.
     #[error("{0}: {1}")]
     Calibration(PathBuf, CalibrationError),
-    /// A folder, file, line or field that is not what the format says: the path, and where they are known the line (from 1) and
-    /// the name of the field; what should be there, and what is there.
+    /// A folder, file, line or field that does not match the format: the path, the line (from 1) and the field's name where they
+    /// are known, what was expected, and what was found.
     #[error("{0}")]
     Unexpected(String),
 }
 
-/// What reads or writes a data set gives.
+/// Result of reading or writing a data set.
 pub type Result<T, E = DatasetError> = std::result::Result<T, E>;
 
 impl DatasetError {
-    /// A file or folder that cannot be read, from the system's answer.
+    /// The error for a file or folder that cannot be read, from the system's error.
     pub fn read(path: &Path) -> impl Fn(std::io::Error) -> DatasetError {
         |source| DatasetError::Read(path.to_owned(), source)
     }
@@ -39,17 +39,17 @@ impl DatasetError {
         DatasetError::unexpected(path.display(), expected, found)
     }
 
-    /// Something in this place that is not what the format says.
+    /// The error for something at `place` that does not match the format.
     pub fn unexpected(place: impl Display, expected: impl Display, found: impl Display) -> Self {
         DatasetError::Unexpected(format!("{place}: expected {expected}, found {found}"))
     }
 }
 
-/// A line of a text file, for the faults in it.
+/// A line of a text file, for errors in it.
 #[derive(Clone, Copy)]
 pub(super) struct Line<'a> {
     pub(super) path: &'a Path,
-    /// From 0.
+    /// Index of the line, from 0.
     pub(super) index: usize,
 }
 
@@ -69,7 +69,7 @@ impl Display for Line<'_> {
     }
 }
 
-/// What was found, in quotation marks and not longer than a line of a message.
+/// The text that was found, in quotation marks, cut to the length of one message line.
 pub(super) fn quoted(text: &str) -> String {
     format!("'{}'", text.chars().take(40).collect::<String>())
 }

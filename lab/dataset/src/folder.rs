@@ -6,7 +6,7 @@ use mluc_geometry::{Box3, Calibration};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-/// A KITTI-format folder, opened: where its files lie and the names of its frames, in order.
+/// An opened folder in KITTI's format: its paths, and the names of its frames, in order.
 #[derive(Clone, Debug)]
 pub struct Dataset {
     root: PathBuf,
@@ -15,8 +15,8 @@ pub struct Dataset {
 }
 
 impl Dataset {
-    /// Opens `root`: the scans lie in `root/velodyne` where that exists, else in `root` itself. Frames are all scans
-    /// (`*.bin`) by name. A missing folder, or one without scans, is an error.
+    /// Opens `root`. The scans are in `root/velodyne` where that exists, else in `root` itself. The frames are all scans
+    /// (`*.bin`), sorted by name. A missing folder, or a folder without scans, is an error.
     pub fn open(root: &Path) -> Result<Dataset> {
         let inner = root.join("velodyne");
         let scans = if inner.is_dir() { &inner } else { root }.to_owned();
@@ -28,14 +28,14 @@ impl Dataset {
         })
     }
 
-    /// [`Dataset::open`], then of a split only the frames that `root/ImageSets/SPLIT.txt` names, in its order.
+    /// As [`Dataset::open`], but with a split only the frames that `root/ImageSets/SPLIT.txt` names, in its order.
     pub fn open_split<'a>(root: &Path, split: impl Into<Option<&'a str>>) -> Result<Dataset> {
         let list = |split: &str| root.join("ImageSets").join(format!("{split}.txt"));
         let listed = |split: &str| Dataset::open_listed(root, &list(split));
         split.into().map_or_else(|| Dataset::open(root), listed)
     }
 
-    /// [`Dataset::open`], then only the frames that a list names, one a line, in its order.
+    /// As [`Dataset::open`], but only the frames that a list names, one per line, in its order.
     pub fn open_listed(root: &Path, list: &Path) -> Result<Dataset> {
         let mut dataset = Dataset::open(root)?;
         let text = read_text(list)?;
@@ -74,7 +74,7 @@ impl Dataset {
         &self.names
     }
 
-    /// Where a frame's scan lies.
+    /// Path of a frame's scan.
     pub fn scan_path(&self, name: &str) -> PathBuf {
         self.scans.join(format!("{name}.bin"))
     }
@@ -83,17 +83,17 @@ impl Dataset {
         self.root.join(folder).join(format!("{name}.txt"))
     }
 
-    /// Where a frame's labels lie.
+    /// Path of a frame's labels.
     pub fn label_path(&self, name: &str) -> PathBuf {
         self.text_path("label_2", name)
     }
 
-    /// Where a frame's calibration lies.
+    /// Path of a frame's calibration.
     pub fn calibration_path(&self, name: &str) -> PathBuf {
         self.text_path("calib", name)
     }
 
-    /// Where a frame's ground plane lies, in the data sets that have planes.
+    /// Path of a frame's ground plane, in data sets that have planes.
     pub fn plane_path(&self, name: &str) -> PathBuf {
         self.text_path("planes", name)
     }
@@ -103,7 +103,7 @@ impl Dataset {
         read_scan(&self.scan_path(name))
     }
 
-    /// A frame's labels, in file order, DontCare among them.
+    /// A frame's labels, in file order, with DontCare.
     pub fn labels(&self, name: &str) -> Result<Vec<Label>> {
         read_labels(&self.label_path(name))
     }
@@ -113,13 +113,13 @@ impl Dataset {
         read_calibration(&self.calibration_path(name))
     }
 
-    /// A frame's labelled boxes in the sensor frame, with their labels, in file order, DontCare left out.
+    /// A frame's labelled boxes in the sensor frame, with their labels, in file order, without DontCare.
     pub fn boxes_in_sensor(&self, name: &str) -> Result<Vec<(Label, Box3)>> {
         read_boxes(&self.label_path(name), &self.calibration_path(name))
     }
 }
 
-/// The labelled boxes of a frame's label and calibration file: [`Dataset::boxes_in_sensor`].
+/// The labelled boxes of a label file and a calibration file, as in [`Dataset::boxes_in_sensor`].
 pub fn read_boxes(labels: &Path, calibration: &Path) -> Result<Vec<(Label, Box3)>> {
     let calibration = read_calibration(calibration)?;
     let mut labels = read_labels(labels)?;
@@ -131,8 +131,8 @@ pub fn read_boxes(labels: &Path, calibration: &Path) -> Result<Vec<(Label, Box3)
     Ok(labels.into_iter().map(in_sensor).collect())
 }
 
-/// Names without extension of the files `*.EXTENSION` of a folder, sorted. Hidden ones are notes of another system, and nuScenes' `.pcd.bin`
-/// have another layout. `expected` says what the folder is for.
+/// Names without extension of the files `*.EXTENSION` of a folder, sorted. Hidden files belong to another system, and the `.pcd.bin` files of
+/// nuScenes have another layout; both are skipped. `expected` says what the folder is for.
 pub fn file_stems(folder: &Path, extension: &str, expected: &str) -> Result<Vec<String>> {
     if !folder.is_dir() {
         let found = if folder.exists() { "a file" } else { "nothing" };

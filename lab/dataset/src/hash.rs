@@ -1,14 +1,14 @@
-//! Fingerprints of a data set, so that a report says what it was made on and a checkpoint what it was trained on.
+//! Fingerprints of a data set: a report states the data that it used, a checkpoint the data that it was trained on.
 
 use super::{Dataset, DatasetError, Result};
 use mluc_geometry::{FNV_OFFSET, fnv1a};
 use rayon::prelude::*;
 use std::path::Path;
 
-/// Scans whose bytes are hashed: every so many.
+/// The bytes of every `SCAN_STEP`th scan are hashed.
 const SCAN_STEP: usize = 50;
 
-/// FNV-1a (64 bit) over all labels, the sizes of all scans and the bytes of every 50th scan, of the first `frames` frames, in order.
+/// FNV-1a (64 bit) of the first `frames` frames, in order: all labels, the sizes of all scans and the bytes of every 50th scan.
 pub fn data_hash(dataset: &Dataset, frames: usize) -> Result<String> {
     let names: Vec<&String> = dataset.names().iter().take(frames).collect();
     let one = |(index, name): (usize, &&String)| -> Result<u64> {

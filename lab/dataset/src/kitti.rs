@@ -1,9 +1,9 @@
-//! What is special about KITTI's object benchmark: its folders, its splits, its classes.
+//! The parts that are specific to KITTI's object benchmark: its folders, its splits, its classes.
 
 use super::{Dataset, DatasetError, Result, error::Line, read_text, scan::check_scan_size};
 use std::path::{Path, PathBuf};
 
-/// Every class that KITTI's labels name.
+/// Every class in KITTI's labels.
 pub const KITTI_CLASSES: [&str; 9] = [
     "Car",
     "Van",
@@ -19,10 +19,10 @@ pub const KITTI_CLASSES: [&str; 9] = [
 /// Class of synthetic unknown objects in label files.
 pub const SYNTHETIC_UNKNOWN: &str = "Synthetic_unknown";
 
-/// Classes that simulated scans name beside KITTI's: those that the network is never trained on, and objects made up of known ones.
+/// Classes of simulated scans that KITTI does not have: two that the network is never trained on, and synthetic unknown objects.
 pub const SIMULATED_CLASSES: [&str; 3] = ["Golf_cart", "Forklift", SYNTHETIC_UNKNOWN];
 
-/// Classes that `simulate --unseen` shows, of validation and then of test: never in training, which refuses their labels.
+/// Classes that `simulate --unseen` shows, first of validation, then of test. Training refuses their labels.
 pub fn unseen_classes() -> impl Iterator<Item = &'static str> {
     include_str!("unseen.txt").lines()
 }
@@ -34,12 +34,12 @@ pub fn is_recognized(class: &str) -> bool {
     all.any(|known| known.eq_ignore_ascii_case(class))
 }
 
-/// Where a benchmark folder's splits are listed.
+/// Location of the split lists of a benchmark folder.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Splits {
-    /// The folder with `training`, or `training` itself.
+    /// The folder that contains `training`, or `training` itself.
     pub root: PathBuf,
-    /// Folder with `train.txt` and `val.txt`; `None`: `ImageSets` in the root, beside it or in `training`.
+    /// Folder with `train.txt` and `val.txt`; `None`: `ImageSets` in the root, next to it or in `training`.
     pub folder: Option<PathBuf>,
 }
 
@@ -60,7 +60,7 @@ impl Splits {
         if let Some(list) = lists.find(|list| list.is_file()) {
             return Dataset::open_listed(root, &list);
         }
-        // The scans come first: a folder that is none at all is told as such.
+        // The scans come first: for a folder that is no data set at all, the error says so.
         Dataset::open(root)?;
         let looked: Vec<String> = places.iter().map(|p| p.display().to_string()).collect();
         let looked = looked.join(", ");
@@ -71,7 +71,7 @@ impl Splits {
     }
 }
 
-/// Checks that every frame has its label and calibration file, and a scan of whole points.
+/// Checks that every frame has its label and calibration file, and a scan whose size is a whole number of points.
 pub fn check_files(dataset: &Dataset) -> Result<()> {
     for name in dataset.names() {
         let paths = [dataset.label_path(name), dataset.calibration_path(name)];
@@ -87,7 +87,7 @@ pub fn check_files(dataset: &Dataset) -> Result<()> {
     Ok(())
 }
 
-/// Checks that a label file names classes alone that are heard of: objects of a misspelt one would be left out without a word.
+/// Checks that a label file names only the classes of `heard`: a misspelt class would otherwise be left out silently.
 pub fn check_classes<C: AsRef<str>>(path: &Path, heard: &[C]) -> Result<()> {
     for (index, line) in read_text(path)?.lines().enumerate() {
         let Some(class) = line.split_whitespace().next() else {

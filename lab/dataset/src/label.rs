@@ -1,18 +1,18 @@
-//! Label and detection files: one object a line, 15 columns, in the camera frame.
+//! Label and detection files: one object per line, 15 columns, in the camera frame.
 //!
 //! `type truncated occluded alpha left top right bottom height width length x y z rotation_y`, then, in labels, an
-//! optional track id (a whole number; none below 0) and, in detections, the score (after a track id when there are 17 columns).
+//! optional track id (a whole number; below 0 means none) and, in detections, the score (after a track id where there are 17 columns).
 
 use super::{Result, error::Line, read_text};
 use mluc_geometry::CameraBox;
 use std::path::Path;
 
-/// One labelled or detected object; by default nothing hides it.
+/// One labelled or detected object; the default is fully visible.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Label {
     /// Class as written in the file (`Car`, `DontCare`, ...).
     pub class: String,
-    /// Part outside the image, 0..1; a level (0, 1, 2) in tracking data; -1 where unknown.
+    /// Share outside the image, 0..1; a level (0, 1, 2) in tracking data; -1 where unknown.
     pub truncated: f64,
     /// 0 visible, 1 partly, 2 largely occluded, 3 unknown; -1 where unset.
     pub occluded: i32,
@@ -20,13 +20,13 @@ pub struct Label {
     pub alpha_rad: f64,
     /// Left, top, right, bottom in the image, px.
     pub image_box_px: [f64; 4],
-    /// Place, size and heading in the camera frame.
+    /// Position, size and heading in the camera frame.
     pub camera_box: CameraBox,
     /// Detections only: confidence.
     pub score: Option<f64>,
-    /// Detections of the pipeline only: how likely it is one of its kind. In no file.
+    /// Detections of the pipeline only: probability that the object is of its kind. Not in any file.
     pub probability: Option<f64>,
-    /// Number of the object that it is in all scans of a drive.
+    /// Track id: the same for the object in all scans of a drive.
     pub track: Option<u32>,
 }
 
@@ -36,14 +36,14 @@ impl Label {
         self.class.eq_ignore_ascii_case(name)
     }
 
-    /// Whether the line only marks a region without labels: it has no box in space.
+    /// Whether the line only marks a region without labels: it has no 3D box.
     pub fn is_dont_care(&self) -> bool {
         self.is("DontCare")
     }
 }
 
 impl std::fmt::Display for Label {
-    /// The line of a label file (15 columns), or of a detection file (16) when there is a score; a track id stands before the score.
+    /// The line of a label file (15 columns), or of a detection file (16) where there is a score; a track id precedes the score.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} {:.2}", self.class, self.truncated)?;
         write!(f, " {} {:.4}", self.occluded, self.alpha_rad)?;
@@ -72,7 +72,7 @@ pub fn read_labels(path: &Path) -> Result<Vec<Label>> {
     parse(path, &read_text(path)?, false)
 }
 
-/// Reads a detection file: as a label file, with the score as the last column (16, or 17 after a track id).
+/// Reads a detection file: the format of a label file, with the score as the last column (16, or 17 after a track id).
 pub fn read_detections(path: &Path) -> Result<Vec<Label>> {
     parse(path, &read_text(path)?, true)
 }
@@ -139,10 +139,10 @@ fn check_count(line: Line<'_>, found: usize, scored: bool) -> Result<()> {
     Err(line.fault(format!("{least} or {} columns", least + 1), found))
 }
 
-/// The first column with a number that no object has, and what was expected in it.
+/// The first column with a number that is not valid for an object, and what was expected there.
 fn fault(numbers: &[f64; 15], class: &str, scored: bool) -> Option<(usize, &'static str)> {
     let has_box = if scored {
-        // KITTI's word for a detection without a box in space.
+        // KITTI's marker for a detection without a 3D box.
         numbers[8..11] != [-1.0; 3]
     } else {
         !class.eq_ignore_ascii_case("DontCare")
@@ -201,7 +201,7 @@ mod tests {
         assert_eq!(back, vec![car]);
     }
 
-    /// Kind of file, text of the file (without the car that is line 1), fault.
+    /// Kind of file, text of the file (without the car on line 1), error.
     const FAULTS: &str = include_str!("label_faults.txt");
 
     #[test]

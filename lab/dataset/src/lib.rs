@@ -2,13 +2,13 @@
 //!
 //! ```text
 //! DIR/velodyne/NNNNNN.bin   scans: x, y, z (m, sensor frame), intensity 0..1, f32 little endian (or DIR/NNNNNN.bin)
-//! DIR/label_2/NNNNNN.txt    one object a line, camera frame
+//! DIR/label_2/NNNNNN.txt    one object per line, camera frame
 //! DIR/calib/NNNNNN.txt      P0..P3, R0_rect, Tr_velo_to_cam
-//! DIR/ImageSets/SPLIT.txt   frame names of a split, one a line (optional)
+//! DIR/ImageSets/SPLIT.txt   frame names of a split, one per line (optional)
 //! DIR/planes/NNNNNN.txt     ground plane, camera frame (optional; copied, not read)
 //! ```
 //!
-//! Nothing is repaired in silence: a file that is not what the format says is an error that names the file, the line,
+//! Nothing is repaired silently: a file that does not match the format is an error that names the file, the line,
 //! the field, what was expected and what was found.
 
 mod calibration;
@@ -36,14 +36,14 @@ pub use scan::{read_scan, scan_bytes};
 use std::io::{Error, ErrorKind};
 use std::path::Path;
 
-/// Text files of a data set are small; a larger one is something else.
+/// Text files of a data set are small; a larger file is no such text file.
 const TEXT_BYTES_MAX: u64 = 16 << 20;
 
-/// A text file, whole, after a look at its size.
+/// Reads a whole text file after a check of its size.
 pub fn read_text(path: &Path) -> Result<String> {
     let text = String::from_utf8(read_checked(path, TEXT_BYTES_MAX)?)
         .map_err(|e| DatasetError::read(path)(Error::new(ErrorKind::InvalidData, e)))?;
-    // Some editors begin a file with a mark of its byte order; it is no part of the first word.
+    // Some editors put a byte order mark at the start of a file; it is not part of the first word.
     Ok(text.strip_prefix('\u{feff}').unwrap_or(&text).to_owned())
 }
 
@@ -52,7 +52,7 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> Result<()> {
     std::fs::write(path, bytes).map_err(DatasetError::write(path))
 }
 
-/// Makes a folder of a data set, its parents and its parts.
+/// Creates a folder of a data set, its parents and its subfolders.
 pub fn make_folders(root: &Path, parts: &[&str]) -> Result<()> {
     parts.iter().try_for_each(|part| {
         let folder = root.join(part);
@@ -60,7 +60,7 @@ pub fn make_folders(root: &Path, parts: &[&str]) -> Result<()> {
     })
 }
 
-/// A file, whole, after a look at its size.
+/// Reads a whole file after a check of its size.
 fn read_checked(path: &Path, limit: u64) -> Result<Vec<u8>> {
     let failed = DatasetError::read(path);
     let bytes = std::fs::metadata(path).map_err(&failed)?.len();

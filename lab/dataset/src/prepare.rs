@@ -1,7 +1,7 @@
-//! Bringing a split of recorded scans into the trainer's form: only what the camera sees; frames with unknown objects can be left out.
+//! Converts a split of recorded scans for the trainer: only points in the camera's view; frames with unknown objects can be left out.
 //!
-//! KITTI labels what its camera sees; the rest of the circle is unlabelled, so its points go. Labels, calibrations and road
-//! planes are copied; the list of frames lies in `ImageSets`.
+//! KITTI labels only what its camera sees. The rest of the scan has no labels, so its points are dropped. Labels, calibrations and
+//! road planes are copied; the list of frames is in `ImageSets`.
 
 use super::{
     Dataset, DatasetError, KITTI_CLASSES, Result, Splits, check_classes, check_files, make_folders,
@@ -12,26 +12,26 @@ use mluc_geometry::{Calibration, ImageSize};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Points that project so far beside the image still belong to things in it, px. KITTI's images differ by a few pixels in size.
+/// Points that project up to this far outside the image still belong to objects in it, px. KITTI's images differ in size by a few pixels.
 const IMAGE_MARGIN_PX: f64 = 10.0;
 /// What to write.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PrepareOptions {
-    /// Where the frames are and how they are split.
+    /// Location of the frames and of their splits.
     pub splits: Splits,
-    /// Which split.
+    /// Name of the split.
     pub split: String,
-    /// Leave out frames with any unknown object: for training. The paper does not say how it did that; its object counts fit this. Without it
-    /// they stay, labelled (for judging, and for the supervised network).
+    /// Leave out frames with any unknown object: for training. The paper does not describe its method; its object counts match this one. Without
+    /// it these frames stay, with labels (for evaluation, and for the supervised network).
     pub drop_unknown: bool,
-    /// Classes that are to stay unknown.
+    /// Classes that stay unknown.
     pub unknown: Vec<String>,
-    /// Folder to write; must not exist.
+    /// Folder to write; it must not exist.
     pub out: PathBuf,
 }
 
-/// Writes a split. `step` is called after each frame, from any thread. Everything is checked before anything is written: label and
-/// calibration of every frame, classes of every label. The folder is there as a whole or not at all.
+/// Writes a split. `step` is called after each frame, from any thread. Label and calibration of every frame and the class of every label are
+/// checked before anything is written. The folder is written completely or not at all.
 pub fn prepare(options: &PrepareOptions, step: impl Fn() + Sync) -> Result<()> {
     let dataset = options.splits.open(&options.split)?;
     check_files(&dataset)?;
@@ -66,7 +66,7 @@ pub fn prepare(options: &PrepareOptions, step: impl Fn() + Sync) -> Result<()> {
     std::fs::rename(&beside, &options.out).map_err(DatasetError::write(&options.out))
 }
 
-/// One frame; whether it was kept.
+/// Writes one frame; returns whether it was kept.
 fn frame(options: &PrepareOptions, dataset: &Dataset, name: &str, out: &Path) -> Result<bool> {
     if options.drop_unknown {
         let labels = dataset.labels(name)?;
@@ -80,7 +80,7 @@ fn frame(options: &PrepareOptions, dataset: &Dataset, name: &str, out: &Path) ->
     points.retain(|point| in_view(&calibration, point));
     let scan = out.join(format!("velodyne/{name}.bin"));
     write_file(&scan, &scan_bytes(&points))?;
-    // Lines go over as they are, track ids and all.
+    // Lines are copied unchanged, with track ids.
     for (folder, path) in [
         ("label_2", dataset.label_path(name)),
         ("calib", dataset.calibration_path(name)),
@@ -94,7 +94,7 @@ fn frame(options: &PrepareOptions, dataset: &Dataset, name: &str, out: &Path) ->
     Ok(true)
 }
 
-/// Whether a point lies in the camera's view; all do where there is no camera.
+/// Whether a point is in the camera's view; without a camera every point is.
 fn in_view(calibration: &Calibration, &[x, y, z, _]: &[f32; 4]) -> bool {
     if !calibration.has_camera() {
         return true;

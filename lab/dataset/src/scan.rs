@@ -1,13 +1,13 @@
-//! Scans: little-endian f32 x, y, z, intensity a point.
+//! Scans: little-endian f32 x, y, z, intensity per point.
 
 use super::{DatasetError, Result, read_checked};
 use mluc_ingest::{POINT_BYTES, bin_points};
 use std::path::Path;
 
-/// Most points of one file: some thirty times a full scan of 128 beams. A larger file is not one scan.
+/// Maximum number of points in one file: about thirty times a full scan of 128 beams. A larger file is not one scan.
 const SCAN_POINTS_MAX: usize = 8_000_000;
 
-/// Reads a scan as it is: NaN and infinities too, which later steps drop and count. An empty file is a scan of 0 points.
+/// Reads a scan unchanged, with NaN and infinities, which later steps drop and count. An empty file is a scan of 0 points.
 pub fn read_scan(path: &Path) -> Result<Vec<[f32; 4]>> {
     let data = read_checked(path, (SCAN_POINTS_MAX * POINT_BYTES) as u64)?;
     check_size(path, data.len() as u64)?;
@@ -21,7 +21,7 @@ pub fn scan_bytes(points: &[[f32; 4]]) -> Vec<u8> {
     values.flat_map(|value| value.to_le_bytes()).collect()
 }
 
-/// Checks that a scan is a whole number of points, without reading it.
+/// Checks that a scan is a whole number of points, without reading the file.
 pub(super) fn check_scan_size(path: &Path) -> Result<()> {
     let file = std::fs::metadata(path).map_err(DatasetError::read(path))?;
     check_size(path, file.len())

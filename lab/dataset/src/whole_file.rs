@@ -1,12 +1,12 @@
-//! Files that are there as a whole or not at all: beside their place first, on the disk, then moved.
+//! Files that are written completely or not at all: written next to their place, synced to disk, then moved.
 
 use std::path::{Path, PathBuf};
 use std::{fs::File, io::Write};
 
-/// Writes a file. A crash or a full disk leaves what was there before: the bytes are on the disk (also where a full one is noticed
-/// late) before they take its place. The error is the system's; what was written of the file is removed.
+/// Writes a file. A crash or a full disk leaves the old file in place: the bytes are synced to disk (some file systems report a full disk
+/// only then) before the move. The error is the system's; the partial file is removed.
 ///
-/// A link stays, and the file that it leads to is replaced. What is no file (a pipe, a device) takes the bytes as they are.
+/// A link stays, and the file that it leads to is replaced. Bytes for a pipe or a device are written directly.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let path = &path.canonicalize().unwrap_or(path.to_owned());
     let is_file = std::fs::metadata(path).is_ok_and(|there| there.is_file() || there.is_dir());
@@ -20,18 +20,18 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
         std::fs::rename(&beside, path)
     });
     if written.is_err() {
-        // Best effort: the fault to tell is the one before.
+        // Best effort: the error to report is the first one.
         let _ = std::fs::remove_file(&beside);
         return written;
     }
-    // The move itself: some file systems cannot be asked for it, and the old file would do.
+    // Syncs the move itself. Some file systems do not support this, and after a crash the old file would still be valid.
     if let Some(Ok(folder)) = path.parent().map(File::open) {
         let _ = folder.sync_all();
     }
     Ok(())
 }
 
-/// Where something is written before it is moved to its place: `.NAME.partial` in the same folder.
+/// Path where a file is written before it is moved to its place: `.NAME.partial` in the same folder.
 pub fn beside(path: &Path) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     path.with_file_name(format!(".{name}.partial"))
@@ -66,7 +66,7 @@ mod tests {
         assert!(write_whole(&path, b"bytes").is_err());
         assert!(path.join("inner").is_dir() && !beside(&path).exists());
         assert!(write_whole(&folder.path().join("none/a"), b"bytes").is_err());
-        // Nothing can be written beside it, as on a full disk.
+        // The partial file cannot be written, as on a full disk.
         let file = folder.path().join("b");
         write_whole(&file, b"old").expect("written");
         std::fs::create_dir(beside(&file)).expect("a folder in the way");

@@ -1,17 +1,16 @@
-//! Average precision by a property of the objects: their range, and how many of the sensor's rings hit them.
+//! Average precision by a property of the objects: their range, or the number of the sensor's rings that hit them.
 //!
-//! A label counts in its own bin alone; elsewhere it may be found or not. A detection that finds no label is wrong in its own bin alone.
+//! A label counts only in its own bin; in other bins it may be found or not. A detection that matches no label is wrong only in its own bin.
 
-use crate::curve::Curve;
 use crate::matching::{Binned, match_frame};
 use crate::report::{ApEntry, render};
-use crate::{ClassRule, Difficulty, LabelledFrame, Metric, rings::FrameRings};
+use crate::{ClassRule, Difficulty, LabelledFrame, Metric, curve::Curve, rings::FrameRings};
 use mluc_dataset::Label;
 use mluc_geometry::Box3;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
-/// Ranges, m: where each ends, and its name.
+/// Range bins, m: the end of each, and its name.
 const RANGES_M: [(f64, &str); 4] = [
     (15.0, "0-15 m"),
     (30.0, "15-30 m"),
@@ -19,7 +18,7 @@ const RANGES_M: [(f64, &str); 4] = [
     (f64::INFINITY, "45 m on"),
 ];
 
-/// Rings on an object: the most, and the name.
+/// Bins by rings on an object: the maximum, and the name.
 const RINGS: [(usize, &str); 6] = [
     (0, "0"),
     (1, "1"),
@@ -29,24 +28,24 @@ const RINGS: [(usize, &str); 6] = [
     (usize::MAX, "9 on"),
 ];
 
-/// The distance of a box in the plane, m: upright boxes keep the camera's place, a hand's breadth from the sensor's.
+/// Distance of a box in the ground plane, m. Upright boxes are relative to the camera, which is close to the sensor.
 pub(crate) fn range_m(upright: &Box3) -> f64 {
     upright.center_m[0].hypot(upright.center_m[1])
 }
 
-/// AP of each class in each bin: volumes, difficulty hard.
+/// AP of each class in each bin (3D boxes, difficulty hard).
 #[derive(Clone, Debug)]
 pub struct Breakdown {
     /// `range` or `rings`.
     pub by: &'static str,
     /// Names of the bins.
     pub bins: Vec<&'static str>,
-    /// In the order of the rules: the class, and its figures by bin.
+    /// Each class with its figures by bin, in the order of the rules.
     pub classes: Vec<(String, Vec<ApEntry>)>,
 }
 
 impl Breakdown {
-    /// By the distance of the box in the plane.
+    /// AP by the distance of the box in the ground plane.
     pub fn by_range(frames: &[LabelledFrame], rules: &[ClassRule]) -> Breakdown {
         let bin = |label: &Label| {
             let range_m = range_m(&label.camera_box.upright());
@@ -60,7 +59,7 @@ impl Breakdown {
         Breakdown::of("range", &bins, frames, &binned.collect::<Vec<_>>(), rules)
     }
 
-    /// By the rings on the box; `rings` are those of the frames.
+    /// AP by the rings on the box; `rings` are the rings of these frames.
     pub fn by_rings(
         frames: &[LabelledFrame],
         rings: &[FrameRings],
@@ -112,7 +111,7 @@ impl Breakdown {
         Value::Object(self.classes.iter().map(class).collect::<Map<_, _>>())
     }
 
-    /// AP over all points, recall and labels, a row a class; `-` where no label counts.
+    /// AP over all points, recall and labels, one row per class; `-` where no label counts.
     pub fn to_table(&self) -> String {
         let values = json!({"by": self.by, "bins": self.bins, "classes": self.classes});
         render(include_str!("breakdown.txt"), values)
@@ -124,7 +123,7 @@ mod tests {
     use super::*;
     use crate::tests::{found, frame, label};
 
-    /// A car this far ahead.
+    /// A car at this distance ahead.
     fn car(z_m: f64) -> Label {
         let mut label = label("Car", 0.0);
         label.camera_box.location_m = [0.0, 1.7, z_m];
@@ -135,7 +134,7 @@ mod tests {
     fn labels_count_and_false_detections_hurt_in_their_own_bin_alone() {
         let (near, far, ghost) = (car(10.0), car(29.9), car(40.0));
         let mut pushed = found(&far, "car", 0.8);
-        // Found by a box whose own middle lies in the next range.
+        // Found by a box whose own centre is in the next range bin.
         pushed.camera_box.location_m[2] = 30.2;
         let detections = vec![found(&near, "car", 0.9), pushed, found(&ghost, "car", 0.95)];
         let frames = [frame(vec![near, far], detections)];

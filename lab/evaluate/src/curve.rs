@@ -23,39 +23,39 @@ impl AveragePrecision {
         }
     }
 
-    /// The mean of several, each way of averaging by itself; 0 of none.
+    /// The mean of several values, separately for each way of averaging; 0 for an empty slice.
     pub fn mean(of: &[AveragePrecision]) -> AveragePrecision {
         let count = of.len().max(1) as f64;
         AveragePrecision::each_way(|way| of.iter().map(way).fold(0.0, |a, b| a + b) / count)
     }
 
-    /// The harmonic mean of two, each way of averaging by itself.
+    /// The harmonic mean of two values, separately for each way of averaging.
     pub fn harmonic(self, other: AveragePrecision) -> AveragePrecision {
         AveragePrecision::each_way(|way| harmonic_mean(way(&self), way(&other)))
     }
 }
 
-/// Harmonic mean of two percentages; 0 when both are.
+/// Harmonic mean of two percentages; 0 when both are 0.
 pub fn harmonic_mean(known: f64, unknown: f64) -> f64 {
     let mean = 2.0 * known * unknown / (known + unknown);
     if known + unknown > 0.0 { mean } else { 0.0 }
 }
 
-/// Hits and false alarms as a function of the threshold: of one frame, or of all that [`Curve::of`] puts together. Frames
-/// are matched one by one, so the curve of any choice of frames, with repeats too, is made of their parts.
+/// Hits and false alarms as a function of the threshold, of one frame or of all frames that [`Curve::of`] joins. Frames are
+/// matched one by one, so the curve of any choice of frames, also with repeats, follows from the curves of single frames.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Curve {
     /// Labels that count.
     pub(crate) truth_count: usize,
-    /// Scores of the hits when every detection takes part; from high to low over all frames.
+    /// Scores of the hits when every detection takes part; sorted from high to low over all frames.
     pub(crate) hit_scores: Vec<f64>,
-    /// Of one frame: score, and what changes there: hits and false alarms. Over all frames: score, and hits and false alarms
-    /// of everything at or above it, from high to low.
+    /// Of one frame: score, and the changes of hits and of false alarms at it. Over all frames: score, and the hits and false
+    /// alarms at or above it, from high to low.
     pub(crate) steps: Vec<(f64, i64, i64)>,
 }
 
 impl Curve {
-    /// Of frames that were matched one by one; one that is named twice counts twice.
+    /// Joins frames that were matched one by one; a frame given twice counts twice.
     pub(crate) fn of<'a>(frames: impl IntoIterator<Item = &'a Curve>) -> Curve {
         let mut curve = Curve::default();
         for frame in frames {
@@ -71,7 +71,7 @@ impl Curve {
             false_alarms += step.2;
             (step.1, step.2) = (hits, false_alarms);
         }
-        // One entry a score: the last one holds all of its changes.
+        // One entry per score: the last one includes all of its changes.
         curve.steps.dedup_by(|later, earlier| {
             let same = later.0 == earlier.0;
             if same {
@@ -82,7 +82,7 @@ impl Curve {
         curve
     }
 
-    /// Part of the labels that count that is found when every detection takes part, percent; over all frames.
+    /// Share of the counting labels that are found when every detection takes part, percent; over all frames.
     pub(crate) fn recall_percent(&self) -> f64 {
         let hits = self.steps.last().map_or(0, |step| step.1);
         100.0 * hits as f64 / self.truth_count.max(1) as f64
@@ -95,7 +95,7 @@ impl Curve {
         last.map_or((0, 0), |step| (step.1, step.2))
     }
 
-    /// The lowest score at or above which at most so many false alarms lie; `None` where even the highest has more.
+    /// The lowest score at or above which there are at most `false_alarms_max` false alarms; `None` where even the highest score has more.
     pub(crate) fn score_at_false_alarms(&self, false_alarms_max: i64) -> Option<f64> {
         let within = |step: &&(f64, i64, i64)| step.2 <= false_alarms_max;
         self.steps.iter().rfind(within).map(|step| step.0)
@@ -113,7 +113,7 @@ impl Curve {
         }
     }
 
-    /// The devkit's thresholds: those scores of hits at which the recall comes nearest to each position.
+    /// The devkit's thresholds: the hit scores at which the recall is nearest to each position.
     fn thresholds(&self) -> Vec<f64> {
         let truths = self.truth_count as f64;
         let mut thresholds = Vec::with_capacity(POSITIONS);
@@ -132,7 +132,7 @@ impl Curve {
         thresholds
     }
 
-    /// Precision at the thresholds, 0 beyond them, made to fall: each the best of all that follow.
+    /// Precision at the thresholds, 0 beyond them, made monotonic: each value is the maximum from there on.
     fn precision_at_positions(&self) -> [f64; POSITIONS] {
         let mut precision = [0.0; POSITIONS];
         for (value, threshold) in precision.iter_mut().zip(self.thresholds()) {
@@ -144,7 +144,7 @@ impl Curve {
         precision
     }
 
-    /// Area under precision over recall, every threshold taking part, precision made to fall.
+    /// Area under the curve of precision over recall with every threshold, precision made monotonic.
     fn area(&self) -> f64 {
         let steps = self.steps.iter();
         let point = |&(_, hits, alarms)| (hits, precision_of((hits, alarms)));

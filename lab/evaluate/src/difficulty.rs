@@ -1,4 +1,4 @@
-//! The devkit's three difficulties and three metrics.
+//! The three difficulties and three metrics of the devkit.
 
 use mluc_dataset::Label;
 
@@ -17,7 +17,7 @@ impl Difficulty {
     /// All of them, easiest first.
     pub const ALL: [Difficulty; 3] = [Difficulty::Easy, Difficulty::Moderate, Difficulty::Hard];
 
-    /// Its name in reports.
+    /// The name in reports.
     pub fn name(self) -> &'static str {
         ["easy", "moderate", "hard"][self as usize]
     }
@@ -35,21 +35,21 @@ impl Difficulty {
             && height_px >= self.height_min_px()
     }
 
-    /// Whether a detection is too small in the image to count; the devkit cuts its height to whole pixels.
+    /// Whether a detection is too small in the image to count; the devkit truncates its height to whole pixels.
     pub fn is_too_small(self, detection: &Label) -> bool {
         let [_, top, _, bottom] = detection.image_box_px;
         (bottom - top).abs().trunc() < self.height_min_px()
     }
 }
 
-/// What the overlap is taken of.
+/// The shapes whose overlap is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Metric {
-    /// Boxes in the image.
+    /// Boxes in the image (2D).
     Image,
-    /// Rotated footprints seen from above.
+    /// Rotated footprints seen from above (bird's-eye view).
     Bev,
-    /// Volumes.
+    /// Volumes (3D boxes).
     Space,
 }
 

@@ -1,4 +1,4 @@
-//! What can be wrong with an evaluation's inputs.
+//! Errors in an evaluation's inputs.
 
 use mluc_backbone::BackboneError;
 use mluc_dataset::DatasetError;
@@ -7,13 +7,13 @@ use mluc_model::ModelError;
 use mluc_refiner::RefinerError;
 use std::path::Path;
 
-/// Why detections or a model cannot be judged.
+/// Why detections or a model cannot be evaluated.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluateError {
-    /// A scan, label, detection or calibration file.
+    /// An error in a scan, label, detection or calibration file.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    /// The model file.
+    /// An error in the model file.
     #[error(transparent)]
     Model(#[from] ModelError),
     /// The model does not fit the backbone.
@@ -22,19 +22,19 @@ pub enum EvaluateError {
     /// The model does not fit the head.
     #[error(transparent)]
     Head(#[from] HeadError),
-    /// The refiner's settings, or the model's beams.
+    /// An error in the refiner's settings, or in the model's beams.
     #[error(transparent)]
     Refiner(#[from] RefinerError),
-    /// A file or folder, or anything else that was asked for and cannot be: what was expected and found, or the system's answer.
+    /// A file, a folder or another input that cannot be used: what was expected and found, or the system's error.
     #[error("{0}")]
     Input(String),
 }
 
-/// What an evaluation gives.
+/// Result of an evaluation.
 pub type Result<T, E = EvaluateError> = std::result::Result<T, E>;
 
 impl EvaluateError {
-    /// A fault of a file or folder.
+    /// An error of a file or folder.
     pub fn file(path: &Path, what: impl std::fmt::Display) -> EvaluateError {
         EvaluateError::Input(format!("{}: {what}", path.display()))
     }

@@ -1,4 +1,4 @@
-//! What was labelled and what was found in one scan, made comparable.
+//! Labels and detections of one scan, in one comparable form.
 
 use crate::UNKNOWN;
 use mluc_dataset::Label;
@@ -7,27 +7,27 @@ use mluc_ipc_types::ObjectKind;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// The image box of everything where there is no camera: high enough for every difficulty.
+/// The image box of every object where there is no camera: high enough for every difficulty.
 const IMAGE_BOX_WITHOUT_CAMERA_PX: [f64; 4] = [0.0, 0.0, 100.0, 100.0];
 
-/// An object that was found, in the sensor frame. Its JSON is part of what the pipeline prints of an object.
+/// A detected object, in the sensor frame. Its JSON is part of the object that the pipeline prints.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SensorDetection {
     /// Known or unknown.
     #[serde(with = "KindName")]
     pub kind: ObjectKind,
-    /// Class name (of an unknown: any).
+    /// Class name; free for an unknown object.
     #[serde(rename = "label")]
     pub class: String,
     /// Confidence; higher is better; finite.
     pub score: f64,
-    /// How likely it is one of its kind, where the model tells it.
+    /// Probability that the object is of its kind, where the model provides it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub probability: Option<f64>,
-    /// Number of its track, where objects are followed.
+    /// Track id, where objects are tracked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub track: Option<u32>,
-    /// Where it is.
+    /// The box.
     #[serde(flatten, with = "BoxFields")]
     pub box_in_sensor: Box3,
 }
@@ -49,23 +49,23 @@ struct BoxFields {
 
 /// A detection's confidence.
 pub(crate) fn score_of(detection: &Label) -> f64 {
-    // The reader has seen to it that detections have one.
+    // The reader ensures that every detection has a score.
     detection.score.unwrap_or_default()
 }
 
-/// A labelled frame that waits for detections.
+/// A labelled frame without detections.
 #[derive(Clone, Debug)]
 pub struct FrameTruth {
-    /// Labels in file order, DontCare among them. Shared: a sweep uses them once a threshold.
+    /// Labels in file order, with DontCare. Shared: a sweep uses them once per threshold.
     pub labels: Arc<[Label]>,
-    /// Turns sensor boxes into label boxes and image boxes. Without a camera (P2 all 0) nothing lies outside an image.
+    /// Converts sensor boxes into label boxes and image boxes. Without a camera (P2 all 0) nothing is outside the image.
     pub calibration: Calibration,
     /// Size of the image.
     pub image: ImageSize,
 }
 
 impl FrameTruth {
-    /// A box in the image and in the camera frame; `None` when there is an image and nothing of the box lies in it.
+    /// A box in the image and in the camera frame; `None` where there is an image and the whole box is outside it.
     pub(crate) fn in_camera(&self, box_in_sensor: &Box3) -> Option<([f64; 4], CameraBox)> {
         let calibration = &self.calibration;
         let camera_box = calibration.label_from_box_in_sensor(box_in_sensor);
@@ -77,7 +77,7 @@ impl FrameTruth {
         Some((image_box_px, camera_box))
     }
 
-    /// The frame with what was found in it; what lies outside the image is dropped.
+    /// The frame with these detections; detections outside the image are dropped.
     pub fn with(&self, found: &[SensorDetection]) -> LabelledFrame {
         let detection = |found: &SensorDetection| {
             let (image_box_px, camera_box) = self.in_camera(&found.box_in_sensor)?;
@@ -102,8 +102,8 @@ impl FrameTruth {
 /// Labels and detections of one frame.
 #[derive(Clone, Debug)]
 pub struct LabelledFrame {
-    /// Labels in file order, DontCare among them.
+    /// Labels in file order, with DontCare.
     pub labels: Arc<[Label]>,
-    /// Detections in file order, which settles ties in score; an unknown object is of class [`UNKNOWN`].
+    /// Detections in file order, which breaks ties in score; an unknown object is of class [`UNKNOWN`].
     pub detections: Vec<Label>,
 }

@@ -1,16 +1,16 @@
-//! How good detections are: average precision as the KITTI object devkit computes it, and its open-set companions.
+//! Quality of detections: average precision as the KITTI object devkit computes it, and open-set figures.
 //!
 //! Source: KITTI's object development kit (Geiger, Lenz, Urtasun, CVPR 2012), the offline version with 41 recall positions; the open-set figures (recall and AP
 //! of the unknown, mAP of the known, their harmonic mean, the choice of the threshold) from the paper "Open-set 3D Object Detection", section 4.
 //!
-//! A [`LabelledFrame`] holds what was labelled and what was found, both in the camera frame. A [`ClassRule`] says which labels count, which are ignored and how
-//! much overlap is asked for. Both give a curve of precision over recall, from which AP at 11 positions, at 40 positions and over all points follow;
-//! [`evaluate`] does so for every class, metric and difficulty, [`Breakdown`] by range and by the sensor's rings on the object; [`JudgedPoint`] for a threshold
-//! of the gate. [`Operating`] says what a robot gets at a score, [`Tracks`] counts an object that is followed once.
+//! A [`LabelledFrame`] has the labels and the detections of a frame, both in the camera frame. A [`ClassRule`] says which labels count, which are ignored
+//! and which overlap is required. Both give a curve of precision over recall, from which AP at 11 positions, at 40 positions and over all points follow.
+//! [`evaluate`] does this for every class, metric and difficulty, [`Breakdown`] by range and by the sensor's rings on the object, [`JudgedPoint`] for a
+//! threshold of the gate. [`Operating`] gives the false objects and the recall at a score. [`Tracks`] counts a tracked object once.
 //!
-//! Frames are matched one by one, so the open-set figures of any part of a data set follow without matching again:
-//! [`JudgedFrames`] keeps the parts, a [`JudgedPoint`] judges halves of the data beside the whole, [`honest`] chooses on one half
-//! and reports on the other, [`JudgedFrames::bootstrap`] draws frames anew to say how far a figure can be trusted.
+//! Frames are matched one by one, so the open-set figures of any part of a data set follow without another matching.
+//! [`JudgedFrames`] keeps the parts. A [`JudgedPoint`] evaluates the halves of the data as well as the whole. [`honest`] chooses on one half
+//! and reports on the other. [`JudgedFrames::bootstrap`] resamples frames and gives the uncertainty of a figure.
 
 mod breakdown;
 mod curve;

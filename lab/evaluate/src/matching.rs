@@ -1,11 +1,11 @@
-//! Which detections find which labels: the devkit's greedy matching, at every threshold at once.
+//! Matching of detections and labels: the devkit's greedy matching, at every threshold at once.
 //!
-//! The devkit matches twice. Once over all detections, where a label takes the detection with the highest score: the scores of those matches become the
-//! thresholds. Then at each threshold, where a label takes the detection that overlaps most. A frame's matching changes only where the threshold crosses one of
-//! its own detections, so each frame is matched once for each of those, and the counts over all frames follow by adding up the changes.
+//! The devkit matches twice. First it matches all detections, and a label takes the one with the highest score: these scores become the
+//! thresholds. Then it matches at each threshold, and a label takes the detection that overlaps most. A frame's matching changes only where the threshold
+//! crosses one of its own detections, so a frame is matched once for each of its detections. The sum of the changes gives the counts over all frames.
 //!
 //! Terms: a label or detection is *valid* when it counts, *ignored* when it may take part in a match that then counts neither way (too small, too occluded, a
-//! neighbour class). Labels keep file order; a match needs an overlap strictly above the class' least one.
+//! neighbour class). Labels keep file order; a match needs an overlap strictly above the minimum of the class.
 
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric, curve::Curve, frame::score_of};
 use mluc_dataset::Label;
@@ -22,17 +22,17 @@ struct Truth {
 struct Candidate {
     score: f64,
     valid: bool,
-    /// Lies in a region without labels, or outside of the bin: unmatched, it is not counted as false.
+    /// In a region without labels, or outside the bin: it is not a false alarm when it is unmatched.
     is_excused: bool,
-    /// Overlaps a label: only then can it change the matching.
+    /// Overlaps a label: only such a detection can change the matching.
     near_truth: bool,
 }
 
-/// For AP by a property of the objects: the bin of each label and of each detection of a frame. Labels outside of the bin at hand may be
-/// found or not; detections outside of it that find nothing are not counted.
+/// For AP by a property of the objects: the bin of each label and of each detection of a frame. Labels outside the current bin may be
+/// found or not; unmatched detections outside it are not counted.
 pub(crate) type Binned = [Vec<usize>; 2];
 
-/// Matches one frame, or what of it is in a bin.
+/// Matches one frame, or only its objects in a bin.
 pub(crate) fn match_frame(
     frame: &LabelledFrame,
     rule: &ClassRule,
@@ -44,7 +44,7 @@ pub(crate) fn match_frame(
     let mut candidates = Vec::new();
     let mut boxes = Vec::new();
     for (index, detection) in frame.detections.iter().enumerate() {
-        // The devkit looks at the height before the class: a detection of any class that is too small may absorb a label.
+        // The devkit checks the height before the class: a detection of any class that is too small may match a label.
         let small = difficulty.is_too_small(detection);
         if small || rule.claims(detection) {
             let devkits = (metric == Metric::Image).then_some(rule.iou_min);
@@ -96,7 +96,7 @@ pub(crate) fn in_dont_care(labels: &[Label], image_box_px: &[f64; 4], share_max:
     regions.any(|r| overlap_of_first_2d(image_box_px, &r.image_box_px) > share_max)
 }
 
-/// What each label takes: in file order the best free detection of at least a score.
+/// The detection that each label takes, in file order: the best free detection with at least the score `score_min`.
 fn take(
     truths: &[Truth],
     candidates: &[Candidate],
@@ -131,7 +131,7 @@ fn collect_steps(truths: &[Truth], candidates: &[Candidate], curve: &mut Curve) 
     let mut order: Vec<usize> = (0..candidates.len()).collect();
     order.sort_by(|&a, &b| candidates[b].score.total_cmp(&candidates[a].score));
     let is_alarm = |c: &Candidate| c.valid && !c.is_excused;
-    // What the matching does not touch, and what it does, apart: only the second needs matching again.
+    // Alarms that touch no label are counted apart from the others: only detections that overlap a label need another matching.
     let (mut lonely_alarms, mut hits, mut near_alarms) = (0, 0, 0);
     let (mut before, mut seen) = ((0, 0), 0);
     for group in order.chunk_by(|&a, &b| candidates[a].score == candidates[b].score) {
@@ -140,7 +140,7 @@ fn collect_steps(truths: &[Truth], candidates: &[Candidate], curve: &mut Curve) 
         let of_group = || group.iter().map(|&i| &candidates[i]);
         lonely_alarms += of_group().filter(|c| !c.near_truth && is_alarm(c)).count() as i64;
         if of_group().any(|c| c.near_truth) {
-            // Second pass: the greatest overlap wins, an ignored detection only where there is nothing else.
+            // Second pass: the greatest overlap wins; an ignored detection wins only where there is no valid one.
             let found = take(truths, candidates, score, |a, b| {
                 candidates[a.0].valid && (!candidates[b.0].valid || a.1 > b.1)
             });

@@ -1,5 +1,5 @@
 //! The open-set figures of any choice of frames (paper, section 4.1): mAP of the known, AP and recall of the unknown,
-//! their harmonic mean, and how many unknown objects were taken for known ones (absolute open-set error; Dhamija et al., WACV 2020).
+//! their harmonic mean, and the number of unknown objects detected as known ones (absolute open-set error; Dhamija et al., WACV 2020).
 
 use crate::{AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind};
 use crate::{curve::Curve, frame::score_of, matching::match_frame};
@@ -9,15 +9,15 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Overlaps at which the unknown are judged: the paper's 0.1 first, two more that show how well the boxes fit.
+/// Overlaps for the unknown: the paper's 0.1 first, then two that show how well the boxes fit.
 pub const UNKNOWN_IOUS: [f64; 3] = [0.1, 0.25, 0.5];
 
-/// Average precision of a known class: volumes, moderate.
+/// Average precision of a known class (3D boxes, moderate).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ClassPrecision {
     /// The class.
     pub class: String,
-    /// Overlap asked for.
+    /// Required overlap.
     pub iou_min: f64,
     /// Labels that count.
     pub labels: usize,
@@ -25,30 +25,30 @@ pub struct ClassPrecision {
     pub ap: AveragePrecision,
 }
 
-/// Open-set figures in percent: volumes, moderate.
+/// Open-set figures in percent (3D boxes, moderate).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct OpenSetFigures {
     /// Mean AP of the known classes that have labels.
     pub known: AveragePrecision,
     /// AP of the unknown at overlaps of 0.1 (the paper's), 0.25 and 0.5.
     pub unknown: [AveragePrecision; 3],
-    /// Unknown labels found by any unknown detection, at the first overlap.
+    /// Share of unknown labels found by any unknown detection, at the first overlap.
     pub recall_unknown: f64,
     /// Unknown labels that count.
     pub unknown_labels: usize,
-    /// Unknown labels that a known detection lies on (absolute open-set error).
+    /// Number of unknown labels that a known detection overlaps (absolute open-set error).
     pub unknown_as_known: usize,
-    /// Each known class.
+    /// AP of each known class.
     pub classes: Vec<ClassPrecision>,
 }
 
 impl OpenSetFigures {
-    /// Harmonic mean of known and unknown, each way of averaging by itself.
+    /// Harmonic mean of known and unknown, separately for each way of averaging.
     pub fn harmonic(&self) -> AveragePrecision {
         self.known.harmonic(self.unknown[0])
     }
 
-    /// Every figure by the name that it has in `report.json`; 40 positions where the name says nothing else.
+    /// Every figure with its name in `report.json`; at 40 positions where the name does not say otherwise.
     pub fn named(&self) -> Vec<(String, f64)> {
         let [tenth, quarter, half] = self.unknown;
         let averaged = [
@@ -72,7 +72,7 @@ impl OpenSetFigures {
     }
 }
 
-/// One frame's part of every figure.
+/// The contribution of one frame to every figure.
 #[derive(Clone, Debug, Default)]
 struct FrameParts {
     known: Vec<Curve>,
@@ -88,7 +88,7 @@ pub struct JudgedFrames {
 }
 
 impl JudgedFrames {
-    /// Matches every frame by every rule; the unknown rule at overlaps of 0.1, 0.25 and 0.5 in place of its own.
+    /// Matches every frame by every rule; the unknown rule uses overlaps of 0.1, 0.25 and 0.5 in place of its own.
     pub fn of(frames: &[LabelledFrame], rules: &[ClassRule]) -> JudgedFrames {
         let of_kind = |kind| rules.iter().filter(move |rule| rule.kind == kind);
         let known_rules: Vec<ClassRule> = of_kind(ObjectKind::Known).cloned().collect();
@@ -121,9 +121,9 @@ impl JudgedFrames {
         self.figures(&indices)
     }
 
-    /// Every named figure of all frames, with its standard deviation over draws of the frames (bootstrap): it estimates what
-    /// another test set of the same size would have changed. The boxes of one frame stay together, since they share what went wrong
-    /// in it. The same seed gives the same bits, with any number of threads; with fewer than two draws or frames the deviation is 0.
+    /// Every named figure of all frames, with its standard deviation over resampled frames (bootstrap). It estimates the change with
+    /// another test set of the same size. The boxes of one frame stay together, since their errors are correlated.
+    /// The same seed gives the same bits, with any number of threads; with fewer than two resamples or frames the deviation is 0.
     pub fn bootstrap(&self, resamples: usize, seed: u64) -> BTreeMap<String, [f64; 2]> {
         let figures = |draw| {
             let mut random = Random::from_state(mix(seed ^ mix(draw as u64)));
@@ -139,14 +139,14 @@ impl JudgedFrames {
         with_spread.collect()
     }
 
-    /// The lowest score of an unknown detection at or above which there is at most one false alarm a frame, at the first overlap: a
-    /// fair place to cut for pictures, since every method is granted the same number of false alarms. `None` without such.
+    /// The lowest score of an unknown detection at or above which there is at most one false alarm per frame, at the first overlap: a fair
+    /// score limit for pictures, since every method gets the same number of false alarms. `None` where there is no such score.
     pub fn unknown_score_min(&self) -> Option<f64> {
         let parts = self.frames.iter().filter_map(|frame| frame.unknown.first());
         Curve::of(parts).score_at_false_alarms(self.frames.len() as i64)
     }
 
-    /// Figures of the frames of these indices (others than the frames' are passed over); one named twice counts twice.
+    /// Figures of the frames with these indices; indices out of range are skipped, and a repeated index counts twice.
     pub(crate) fn figures(&self, indices: &[usize]) -> OpenSetFigures {
         let frames: Vec<&FrameParts> = indices.iter().filter_map(|i| self.frames.get(*i)).collect();
         let rules = self.known_rules.iter().enumerate();
@@ -176,8 +176,8 @@ impl JudgedFrames {
     }
 }
 
-/// Unknown labels that count at moderate and that a detection of kind known overlaps by more than the unknown rule
-/// asks. Labels go in file order and take the highest score; a detection serves one label. 0 without an unknown rule.
+/// Number of unknown labels that count at moderate and that a detection of kind known overlaps by more than the unknown rule
+/// requires. Labels are processed in file order and take the highest score; a detection matches one label. 0 without an unknown rule.
 pub(crate) fn unknown_as_known(frames: &[LabelledFrame], rules: &[ClassRule]) -> usize {
     let Some(rule) = rules.iter().find(|rule| rule.kind == ObjectKind::Unknown) else {
         return 0;

@@ -1,15 +1,14 @@
-//! What the robot gets at a score: objects a scan, how many of them lie on no label, how many labels are found.
+//! Detection quality at a score: objects per scan, how many of them are on no label, and the share of labels found.
 //!
-//! An object lies on a label when its centre is in the label's footprint, grown by 0.5 m on every side. Counted is what lies on a label, or within 70 m and not in a region
-//! without labels; what lies outside of the image was dropped before. A label is found as for AP: by an overlap above its rule's, difficulty moderate.
+//! An object is on a label when its centre is in the label's footprint, grown by 0.5 m on every side. An object counts when it is on a label, or within 70 m and
+//! not in a region without labels; objects outside the image were dropped before. A label is found as for AP: overlap above its rule's minimum, moderate.
 //!
-//! Scans of a drive look alike, so the intervals come from drawing drives, and in each of them runs of scans (bootstrap in blocks). A score is chosen by risk
-//! control: the upper 95 % bound of the false objects a scan, not their number, stays below a limit. How far a score, or the probability that the model makes
-//! of it, can be read as one: of the objects in each tenth, the share that lies on a label of their kind. [`Operating::probabilities`] makes a model's table.
+//! Scans of a drive are correlated, so the intervals come from resampled drives, and in each from resampled runs of scans (block bootstrap). A score is chosen
+//! by risk control: the upper 95 % bound of the false objects per scan, not their mean, stays below a limit. The reliability compares a score, or its
+//! probability, with the share of objects on a label of their kind, by tenths. [`Operating::probabilities`] makes a model's table.
 
-use crate::curve::Curve;
 use crate::matching::{in_dont_care, match_frame};
-use crate::{ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind, UNKNOWN};
+use crate::{ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind, UNKNOWN, curve::Curve};
 use crate::{breakdown::range_m, frame::score_of, report::render};
 use mluc_dataset::Label;
 use mluc_geometry::{Inside, Random, quantile_of, resample};
@@ -23,16 +22,16 @@ const MARGIN_M: f64 = 0.5;
 /// An object is left out when more than this share of its image box lies in a region without labels.
 pub(crate) const DONT_CARE_MAX: f64 = 0.5;
 const DRAWS: usize = 1000;
-/// Scans of a run: a second at 10 Hz.
+/// Scans per run (block): a second at 10 Hz.
 const BLOCK: usize = 10;
-/// Objects a scan on no label for which the curve has a point.
+/// Objects per scan on no label for which the curve has a point.
 const FALSE_A_SCAN: [f64; 9] = [5.0, 2.0, 1.0, 0.5, 0.3, 0.2, 0.1, 0.05, 0.0];
-/// Where the bands of ranges begin that have probabilities of their own, m.
+/// Lower ends of the range bands with their own probabilities, m.
 const BANDS_M: [f64; 3] = [0.0, 20.0, 40.0];
-/// Objects by score of which one share is taken at least.
+/// Minimum number of objects, sorted by score, for one share.
 const POOL: usize = 10;
 
-/// Each figure is a share of two of a frame's [`Counts`], and a factor. Those an hour are at 10 Hz, recall is in percent.
+/// Each figure: two entries of a frame's [`Counts`], the second dividing the first, and a factor. Figures per hour are at 10 Hz, recall is in percent.
 const FIGURES: [(&str, usize, usize, f64); 6] = [
     ("objects", 1, 0, 1.0),
     ("on no label", 2, 0, 1.0),
@@ -42,20 +41,20 @@ const FIGURES: [(&str, usize, usize, f64); 6] = [
     ("recall", 5, 6, 100.0),
 ];
 
-/// 1; objects, those on no label, on known and on unknown ones; labels found, and all.
+/// 1; objects; objects on no label, on known labels, on unknown labels; labels found; all labels.
 type Counts = [f64; 7];
 
-/// What an object lies on.
+/// The label under an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Place {
-    /// A label that a rule of this kind asks for.
+    /// A label that counts for a rule of this kind.
     On(ObjectKind),
-    /// A label that no rule asks for.
+    /// A label that counts for no rule.
     Other,
     Nothing,
 }
 
-/// An object, judged.
+/// An evaluated object.
 #[derive(Clone, Copy, Debug)]
 struct Judged {
     kind: ObjectKind,
@@ -77,19 +76,19 @@ struct FrameOutcome {
     curves: Vec<(ObjectKind, Curve)>,
 }
 
-/// Scans of one or more drives, judged.
+/// Evaluated scans of one or more drives.
 #[derive(Clone, Debug)]
 pub struct Operating {
     frames: Vec<FrameOutcome>,
-    /// Indices of frames.
+    /// Frame indices of each resample.
     draws: Vec<Vec<usize>>,
 }
 
-/// Name, score, and each figure with its 95 % interval; none where there is nothing to count.
+/// Name, score, and each figure with its 95 % interval; `None` where there is nothing to count.
 type Point = (String, f64, [Option<[f64; 3]>; 6]);
 
 impl Operating {
-    /// Of frames drive by drive; `drives` says how many each has.
+    /// Evaluates frames in order of their drives; `drives` has the number of frames of each.
     pub fn of(frames: &[LabelledFrame], drives: &[usize], rules: &[ClassRule]) -> Operating {
         let judged = frames.par_iter().map(|frame| judge(frame, rules));
         Operating {
@@ -98,8 +97,8 @@ impl Operating {
         }
     }
 
-    /// First what is published, then what would be at the lowest scores that leave so many objects a scan on no label. These scores
-    /// were chosen on the scans that they are judged on: a curve, no scores to run with.
+    /// First the published objects, then the points at the lowest scores that leave at most the given numbers of objects per scan on no label. These
+    /// scores were chosen on the evaluated scans: use them for a curve, not as scores for operation.
     fn points(&self, kind: ObjectKind) -> Vec<Point> {
         let scores = self.objects(kind).map(|o| o.score);
         let published = scores.reduce(f64::min).unwrap_or_default();
@@ -114,7 +113,7 @@ impl Operating {
         points
     }
 
-    /// The lowest score at which the upper 95 % bound of the objects a scan on no label is at most `false_a_scan`.
+    /// The lowest score at which the upper 95 % bound of the objects per scan on no label is at most `false_a_scan`.
     pub fn safe_score_min(&self, kind: ObjectKind, false_a_scan: f64) -> f32 {
         let draws = self.draws.iter();
         let of_draws = draws.map(|draw| self.score_min(draw, kind, false_a_scan));
@@ -122,7 +121,7 @@ impl Operating {
         quantile_of(of_draws.collect(), 0.95).map_or(0.0, |score| score.clamp(0.0, 1.0) as f32)
     }
 
-    /// The lowest score at or above which at most so many objects a scan lie on no label; negative infinity where all of them may.
+    /// The lowest score at or above which at most `false_a_scan` objects per scan are on no label; negative infinity where every score satisfies this.
     fn score_min(&self, frames: &[usize], kind: ObjectKind, false_a_scan: f64) -> f64 {
         let objects = frames.iter().flat_map(|&at| &self.frames[at].objects);
         let wrong = objects.filter(|o| o.kind == kind && o.place == Place::Nothing);
@@ -161,8 +160,8 @@ impl Operating {
         objects.filter(move |object| object.kind == kind)
     }
 
-    /// What scores are worth: in each band of ranges the share of objects on a label of their kind, made to rise with the score (objects
-    /// in the order of their scores are pooled until it does). None of a kind of which no object is right: nothing was labelled.
+    /// Table from scores to probabilities: in each range band the share of objects on a label of their kind, made monotonic in the score (objects
+    /// in score order are pooled until it is). No table for a kind without any right object: such objects were not labelled.
     pub fn probabilities(&self) -> Probabilities {
         let bands = |kind| {
             let of_band =
@@ -184,7 +183,7 @@ impl Operating {
         }
     }
 
-    /// The calibration errors of scores from a least one on, and of the probabilities that a table makes of them; none without objects.
+    /// The calibration errors of scores of at least `score_min`, and of their probabilities from a table; `None` without objects.
     pub fn calibration_errors(
         &self,
         kind: ObjectKind,
@@ -201,8 +200,8 @@ impl Operating {
         [scores, self.reliability(kind, told)].map(|of| of["calibration_error"].as_f64())
     }
 
-    /// By tenth of a value: objects, their mean value, and the share that lies on a label of their kind; then the calibration error
-    /// (the mean difference of both, each tenth by its objects; Guo 2017, eq. 3). Values above 1 are in the last tenth.
+    /// By tenth of a value: objects, their mean value, and the share on a label of their kind; then the calibration error
+    /// (the mean difference of the two, weighted by objects per tenth; Guo 2017, eq. 3). Values above 1 are in the last tenth.
     fn reliability(&self, kind: ObjectKind, value: impl Fn(&Judged) -> Option<f64>) -> Value {
         let mut tenths = [[0.0; 3]; 10];
         let told = self.objects(kind).filter_map(|o| Some((o, value(o)?)));
@@ -247,7 +246,7 @@ impl Operating {
         json!({"scans": self.frames.len(), "unknown": all(unknown), "known": all(known), "reliability": reliability})
     }
 
-    /// The same for people.
+    /// The same as a text table.
     pub fn to_table(&self) -> String {
         let mut values = self.to_json();
         values["figures"] = json!(FIGURES.map(|(name, ..)| name));
@@ -271,7 +270,7 @@ impl FrameOutcome {
     }
 }
 
-/// Frames of each draw: as many drives as there are, with repeats, and in each as many scans, in runs.
+/// Frames of each resample: as many drives as there are, with repeats, and in each drive as many scans as it has, in runs.
 fn draws(drives: &[usize]) -> Vec<Vec<usize>> {
     let draw = |number: usize| {
         let mut random = Random::new(1, &[number as u64]);
@@ -286,7 +285,7 @@ fn draws(drives: &[usize]) -> Vec<Vec<usize>> {
     (0..DRAWS).map(draw).collect()
 }
 
-/// The part of a frame that is counted: also what lies on a label of it, beyond the farthest range or in a region without labels.
+/// The part of a frame that is counted; an object on a counted label stays in also beyond the maximum range or in a region without labels.
 pub(crate) fn counted(frame: &LabelledFrame) -> LabelledFrame {
     let is_near = |label: &&Label| range_m(&label.camera_box.upright()) <= RANGE_MAX_M;
     let is_labelled = |d: &&Label| !in_dont_care(&frame.labels, &d.image_box_px, DONT_CARE_MAX);
@@ -328,14 +327,14 @@ fn judge(frame: &LabelledFrame, rules: &[ClassRule]) -> FrameOutcome {
     }
 }
 
-/// Scores and shares of right ones, both ascending: neighbours whose share falls are pooled. A share counts half a right one and half a wrong
-/// one more, so that none is 0 or 1.
+/// Scores with the share of right objects, both ascending: neighbours with a falling share are pooled. A share is computed with half a right
+/// and half a wrong object more, so that it is never 0 or 1.
 fn rising(mut objects: Vec<(f64, bool)>) -> Vec<[f32; 2]> {
-    // Of one score the right ones first: their share falls, so that they are pooled.
+    // At equal scores the right ones come first: the share falls, so the objects are pooled.
     objects.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
     let share = |[count, _, right]: &[f64; 3]| right / count;
     let mut pools: Vec<[f64; 3]> = vec![];
-    // What is left over is of the lowest scores.
+    // The chunk with fewer objects has the lowest scores.
     for pool in objects.rchunks(POOL).rev() {
         let right = pool.iter().filter(|object| object.1).count() as f64;
         let scores = pool.iter().map(|object| object.0).sum();
@@ -357,7 +356,7 @@ fn rising(mut objects: Vec<(f64, bool)>) -> Vec<[f32; 2]> {
     steps
 }
 
-/// Of several labels one of the object's own kind.
+/// With several labels under the object, a label of its own kind wins.
 pub(crate) fn lies_on(
     detection: &Label,
     own: ObjectKind,
@@ -394,7 +393,7 @@ mod tests {
         ]
     }
 
-    /// Name, and all figures but those an hour.
+    /// Name, and all figures except the one per hour.
     fn figures(point: &Point) -> (&str, Vec<f64>) {
         let figures = point.2.iter().flatten().map(|[value, low, high]| {
             assert!(low <= value && value <= high, "{point:?}");
@@ -425,7 +424,7 @@ mod tests {
             found_at(30.0, UNKNOWN, 0.5),
             found_at(40.0, UNKNOWN, 0.4),
             found_at(30.0, "car", 0.9),
-            // In the region without labels, and beyond 70 m.
+            // One is in the region without labels, one beyond 70 m.
             found_at(500.0, UNKNOWN, 0.9),
             found_at(0.0, UNKNOWN, 0.9),
         ];
@@ -443,7 +442,7 @@ mod tests {
         let known = judged.points(ObjectKind::Known);
         assert_eq!(known.len(), 1);
         assert_eq!(figures(&known[0]).1, [0.5, 0.0, 0.5, 0.0, 100.0]);
-        // 0.8 lies on a van; 0.6, 0.5 and 0.4 on nothing unknown.
+        // The object with score 0.8 is on a van; the objects with 0.6, 0.5 and 0.4 are on no unknown label.
         let reliability = judged.reliability(ObjectKind::Unknown, |o| Some(o.score));
         let error = reliability["calibration_error"].as_f64().expect("objects");
         assert!((error - (0.2 + 0.6 + 0.5 + 0.4) / 4.0).abs() < 1e-6);
@@ -460,7 +459,7 @@ mod tests {
 
     #[test]
     fn what_a_score_is_worth_is_the_share_that_was_right_and_rises() {
-        // Right are all with a score above 0.5, and of the others every fourth; beyond 40 m none.
+        // All objects with a score above 0.5 are right, and every fourth of the others; beyond 40 m none.
         let scan = |i: usize| {
             let score = i as f64 / 200.0;
             let far = found_at(-40.0, UNKNOWN, score);

@@ -1,16 +1,15 @@
-//! Two models on the same scans: the AP of each and their difference, with what other scans would have changed (paired bootstrap).
+//! Two models on the same scans: the AP of each, their difference, and confidence intervals (paired bootstrap).
 
-use crate::{ClassRule, Difficulty, LabelledFrame, Metric};
-use crate::{curve::Curve, matching::match_frame};
+use crate::{ClassRule, Difficulty, LabelledFrame, Metric, curve::Curve, matching::match_frame};
 use mluc_geometry::{Random, quantile_of, resample};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
 const DRAWS: u64 = 1000;
 
-/// By class and difficulty the labels that count, and AP over all points (volumes, percent) of the first model, of the one `beside` it, and
-/// first less second: each figure, then its 95 % interval. The same frames are drawn for both, one by one: of frames of one drive, which
-/// look alike, the intervals are too narrow.
+/// By class and difficulty: the labels that count, and AP over all points (3D boxes, percent) of the first model, of the second (`ap_beside`),
+/// and first minus second; each figure is followed by its 95 % interval. Both models use the same resampled frames. Single frames are resampled:
+/// for frames of one drive, which are correlated, the intervals are too narrow.
 pub fn paired(pair: [&[LabelledFrame]; 2], rules: &[ClassRule]) -> Value {
     let count = pair[0].len();
     let draw = |number| resample(count, 1, &mut Random::new(1, &[number]));
@@ -27,7 +26,7 @@ pub fn paired(pair: [&[LabelledFrame]; 2], rules: &[ClassRule]) -> Value {
             ([ap, beside, ap - beside], first.truth_count)
         };
         let (all, labels) = figures(&(0..count).collect::<Vec<_>>());
-        // A draw without a label says nothing.
+        // A resample without a label has no AP.
         let drawn = draws.par_iter().map(|draw| figures(draw));
         let drawn = drawn.filter_map(|(of, labels)| (labels > 0).then_some(of));
         let drawn: Vec<_> = drawn.collect();

@@ -1,4 +1,4 @@
-//! Every class, metric and difficulty at once: figures, JSON for programs, a table for people.
+//! Figures for every class, metric and difficulty: as JSON for programs, as a table for people.
 
 use crate::{AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind};
 use crate::{curve::Curve, matching::match_frame};
@@ -14,7 +14,7 @@ pub struct ApEntry {
     pub ap: AveragePrecision,
     /// Labels that count.
     pub truth_count: usize,
-    /// Labels found when every detection takes part, percent.
+    /// Share of labels found when every detection takes part, percent.
     pub recall_percent: f64,
 }
 
@@ -31,14 +31,14 @@ impl ApEntry {
 /// Figures of one class.
 #[derive(Clone, Debug)]
 pub struct ClassReport {
-    /// How it was judged.
+    /// The rule of the class.
     pub rule: ClassRule,
-    /// By metric, then difficulty, in their order.
+    /// Figures by metric, then by difficulty, in their order.
     pub entries: [[ApEntry; 3]; 3],
 }
 
 impl ClassReport {
-    /// The figures of volumes at moderate.
+    /// The figures of 3D boxes at moderate.
     pub fn main(&self) -> &ApEntry {
         &self.entries[Metric::Space as usize][Difficulty::Moderate as usize]
     }
@@ -47,7 +47,7 @@ impl ClassReport {
 /// Outcome of an evaluation.
 #[derive(Clone, Debug)]
 pub struct ApReport {
-    /// In the order of the rules.
+    /// The reports in the order of the rules.
     pub classes: Vec<ClassReport>,
 }
 
@@ -58,13 +58,13 @@ impl ApReport {
         classes.filter(|class| class.rule.kind == ObjectKind::Known)
     }
 
-    /// Mean AP of the known classes that have labels: volumes, moderate.
+    /// Mean AP of the known classes that have labels (3D boxes, moderate).
     pub fn map_known(&self) -> AveragePrecision {
         let labelled = self.known().filter(|class| class.main().truth_count > 0);
         AveragePrecision::mean(&labelled.map(|class| class.main().ap).collect::<Vec<_>>())
     }
 
-    /// The unknown, where such a group was asked for.
+    /// The unknown class, where an unknown group was requested.
     pub fn unknown(&self) -> Option<&ClassReport> {
         let mut classes = self.classes.iter();
         classes.find(|class| class.rule.kind == ObjectKind::Unknown)
@@ -84,7 +84,7 @@ impl ApReport {
             }
         }
         for (name, known, recall, unknown, harm) in self.open_set() {
-            // Recall has no recall positions: its twin is the same number.
+            // Recall has no recall positions: both keys have the same number.
             let end = if name == "R40" { "" } else { "_all" };
             object.insert(format!("map_known{end}"), json!(known));
             object.insert(format!("recall_unknown{end}"), json!(recall));
@@ -94,7 +94,7 @@ impl ApReport {
         Value::Object(object)
     }
 
-    /// At 40 positions and over all points, where an unknown group was asked for: mAP of the known, recall and AP of the unknown, and the harmonic mean.
+    /// At 40 positions and over all points, with an unknown group: mAP of the known, recall and AP of the unknown, and the harmonic mean.
     fn open_set(&self) -> Vec<(&'static str, f64, f64, f64, f64)> {
         let Some(unknown) = self.unknown().map(ClassReport::main) else {
             return Vec::new();
@@ -107,7 +107,7 @@ impl ApReport {
         ]
     }
 
-    /// The same for people: easy / moderate / hard beside each other.
+    /// The same as a text table, with easy / moderate / hard in one row.
     pub fn to_table(&self) -> String {
         let classes = self.classes.iter();
         let classes = classes.map(|class| (&class.rule.name, class.rule.iou_min, class.entries));
@@ -120,7 +120,7 @@ impl ApReport {
     }
 }
 
-/// Judges the frames by each rule. The frames' order matters only where scores are equal.
+/// Evaluates the frames by each rule. The frames' order matters only where scores are equal.
 pub fn evaluate(frames: &[LabelledFrame], rules: &[ClassRule]) -> ApReport {
     let entry = |rule: &ClassRule, metric, difficulty| {
         let matched = |frame| match_frame(frame, rule, metric, difficulty, None);
@@ -135,7 +135,7 @@ pub fn evaluate(frames: &[LabelledFrame], rules: &[ClassRule]) -> ApReport {
     }
 }
 
-/// A template of ours with its values.
+/// Renders a built-in template with its values.
 pub fn render(template: &str, values: Value) -> String {
     let text = Environment::new().render_str(template, Serde(values));
     text.expect("a template that fits its values")

@@ -1,8 +1,8 @@
-//! How many of the sensor's beams hit an object.
+//! Number of the sensor's beams that hit an object.
 //!
-//! Files of scans do not say which beam a point is of. The points of one beam have one elevation, seen from the sensor, so the
-//! points in a box are sorted by elevation and cut where two of them are further apart than a share of the distance between
-//! the scan's beams. Left out: sensors that are tilted by more than a degree against the axes of the scan, and merged ones; there a beam has no one elevation.
+//! Scan files do not say which beam a point belongs to. The points of one beam have one elevation, seen from the sensor, so the
+//! points in a box are sorted by elevation and split where two of them are further apart than a share of the distance between
+//! the scan's beams. Not supported: sensors tilted by more than a degree against the axes of the scan, and merged scans; their beams have no single elevation.
 
 use crate::LabelledFrame;
 use mluc_dataset::Label;
@@ -10,24 +10,24 @@ use mluc_geometry::{Box3, Calibration, Inside, quantile_of};
 use mluc_ingest::estimate::Estimator;
 use mluc_ipc_types::Point;
 
-/// Of the distance between beams: more than a beam strays within an object, less than the next beam is away.
+/// Share of the distance between beams: larger than the variation of a beam within an object, smaller than the distance to the next beam.
 const GAP_SHARE: f64 = 0.25;
-/// Products crowd beams about the horizon: the distance that only this share of neighbours falls below.
+/// Real sensors have denser beams near the horizon: the reference distance is this quantile of the gaps between neighbouring beams.
 const CLOSE_SHARE: f64 = 0.1;
-/// Where the beams are not found, degrees: a guess.
+/// Assumed distance where the beams cannot be estimated, degrees.
 const GAP_DEG: f64 = 0.1;
 
-/// Rings on each box of a frame.
+/// Number of rings on each box of a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameRings {
-    /// Of the labels, in their order.
+    /// Rings on the labels, in their order.
     pub labels: Vec<usize>,
-    /// Of the detections, in their order.
+    /// Rings on the detections, in their order.
     pub detections: Vec<usize>,
 }
 
 impl FrameRings {
-    /// Counts the rings of `points` (m, sensor frame; all finite) on everything in the frame.
+    /// Counts the rings of `points` (m, sensor frame; all finite) on every box of the frame.
     pub fn of(frame: &LabelledFrame, calibration: &Calibration, points: &[Point]) -> FrameRings {
         let gap_deg = gap_deg(points);
         let count = |label: &Label| {
@@ -41,7 +41,7 @@ impl FrameRings {
     }
 }
 
-/// Points further apart in elevation are of two beams, degrees.
+/// Two points further apart in elevation than this belong to two beams, degrees.
 fn gap_deg(points: &[Point]) -> f64 {
     let mut estimator = Estimator::new();
     estimator.look(points, 0);
@@ -51,13 +51,13 @@ fn gap_deg(points: &[Point]) -> f64 {
     close.map_or(GAP_DEG, |close| GAP_SHARE * close)
 }
 
-/// Beams with a point in the box.
+/// Number of beams with a point in the box.
 fn count_rings(shape: &Box3, points: &[Point], gap_deg: f64) -> usize {
     let (inside, reach_m) = (Inside::of(shape, 0.0), shape.half_diagonal_m());
     let [x, y, _] = shape.center_m;
     let place = |p: &Point| [p.x_m, p.y_m, p.z_m].map(f64::from);
     let near = points.iter().map(place).filter(|p| {
-        // The square around the footprint settles most points.
+        // The square around the footprint excludes most points.
         (p[0] - x).abs() <= reach_m && (p[1] - y).abs() <= reach_m && inside.contains(*p)
     });
     let elevation_deg = |[x, y, z]: [f64; 3]| z.atan2(x.hypot(y)).to_degrees();
@@ -74,7 +74,7 @@ mod tests {
     use mluc_simulate::{Family, Split, frame};
     use std::f32::consts::PI;
 
-    /// The beam of each point: a simulated scan goes beam by beam, each counter-clockwise from ahead.
+    /// The beam of each point: a simulated scan is ordered by beam, each beam counter-clockwise from ahead.
     fn beams(points: &[[f32; 4]]) -> Vec<usize> {
         let mut beam = 0;
         let mut before = 0.0;
@@ -89,11 +89,11 @@ mod tests {
 
     #[test]
     fn rings_are_the_beams_that_hit() {
-        // Beams of a third of a degree apart and more: the simulator lets beams stray by 0.12 degrees, as no product does.
+        // Sensors with beams at least a third of a degree apart: the simulator varies a beam by 0.12 degrees, more than any real sensor.
         for name in ["vlp-16", "hdl-32e", "vlp-32c", "os1-64"] {
             let mut sensor = SensorProfile::load(name).expect("a product");
             (sensor.height_m, sensor.azimuth_step_deg) = (Some(1.6), 0.4);
-            // Each beam then begins ahead.
+            // Each beam then starts straight ahead.
             sensor.azimuth_offsets_deg.clear();
             let (mut objects, mut exact, mut off) = (0, 0, 0);
             for index in 0..8 {

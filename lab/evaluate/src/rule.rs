@@ -8,10 +8,10 @@ use std::collections::BTreeSet;
 /// Name of the class into which all unknown classes are merged.
 pub const UNKNOWN: &str = "unknown";
 
-/// The devkit's classes with the overlap that it asks for.
+/// The devkit's classes with the overlap that it requires.
 const KITTI_CLASSES: [(&str, f64); 3] = [("car", 0.7), ("pedestrian", 0.5), ("cyclist", 0.5)];
 
-/// Labelled classes that are never taken for known unless they are named: KITTI ignores them or counts them as background.
+/// Labelled classes that are known only where they are named: KITTI ignores them or counts them as background.
 const NEVER_KNOWN_UNASKED: [&str; 6] =
     ["dontcare", "misc", "tram", "van", "person_sitting", UNKNOWN];
 
@@ -25,21 +25,21 @@ pub enum UnknownProtocol {
     Fair,
 }
 
-/// How one class is judged.
+/// The evaluation rule of one class.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClassRule {
     /// Its name in reports, lower case.
     pub name: String,
     /// Known or unknown: which detections are of this class.
     pub kind: ObjectKind,
-    /// Label classes that are to be found, lower case.
+    /// Label classes that have to be found, lower case.
     pub valid: Vec<String>,
-    /// Label classes that may be found or not, lower case; one that is valid too is to be found.
+    /// Label classes that may be found or not, lower case; a class that is also in `valid` has to be found.
     pub ignored: Vec<String>,
-    /// The overlap of a match must be greater.
+    /// The overlap of a match must be greater than this.
     pub iou_min: f64,
-    /// A detection more than this share of which lies in a DontCare region is not wrong, whatever the metric; in the image's
-    /// metric the devkit asks for more than `iou_min` anyway. `None`: the devkit's rule alone.
+    /// A detection is not wrong when more than this share of its image box is in a DontCare region, whatever the metric. In the image
+    /// metric the devkit also excuses a share above `iou_min`. `None`: the devkit's rule alone.
     pub dont_care_max: Option<f64>,
 }
 
@@ -48,7 +48,7 @@ fn contains(names: &[String], class: &str) -> bool {
 }
 
 impl ClassRule {
-    /// A known class. As the devkit has it, a van found as a car, or a sitting person found as a pedestrian, is neither right nor wrong.
+    /// A known class. As in the devkit, a van found as a car, or a sitting person found as a pedestrian, is neither right nor wrong.
     pub fn known(name: &str, iou_min: f64) -> ClassRule {
         let name = name.to_ascii_lowercase();
         let ignored: &[&str] = match name.as_str() {
@@ -66,7 +66,7 @@ impl ClassRule {
         }
     }
 
-    /// The class of everything unknown: labels of `classes` merged into one.
+    /// The class of all unknown objects: labels of `classes` merged into one class.
     pub fn unknown(classes: &[String], iou_min: f64, protocol: UnknownProtocol) -> ClassRule {
         let (ignored, dont_care_max): (&[&str], _) = match protocol {
             UnknownProtocol::Literal => (&[], None),
@@ -83,7 +83,7 @@ impl ClassRule {
         }
     }
 
-    /// `Some(true)` for a label that is to be found, `Some(false)` for one that may be, `None` for any other.
+    /// `Some(true)` for a label that has to be found, `Some(false)` for a label that may be found, `None` for any other.
     pub(crate) fn label_counts(&self, label: &Label) -> Option<bool> {
         if contains(&self.valid, &label.class) {
             Some(true)
@@ -92,12 +92,12 @@ impl ClassRule {
         }
     }
 
-    /// Whether a label is to be found and easy enough to count as missed when it is not.
+    /// Whether a label has to be found and is easy enough to count as missed when it is not.
     pub(crate) fn counts_at(&self, label: &Label, difficulty: Difficulty) -> bool {
         self.label_counts(label) == Some(true) && difficulty.takes(label)
     }
 
-    /// Whether a detection claims to be of this class. A detector that was trained on unknown classes names them: its detections are merged as the labels are.
+    /// Whether a detection is of this class. A detector that was trained on unknown classes names them: its detections are merged like the labels.
     pub(crate) fn claims(&self, detection: &Label) -> bool {
         match self.kind {
             ObjectKind::Known => detection.is(&self.name),
@@ -167,7 +167,7 @@ pub fn rules(request: &RuleRequest, frames: &[LabelledFrame]) -> Result<Vec<Clas
     Ok(rules)
 }
 
-/// Label classes that the paper keeps from training in a model's setting (section 4.1); none where it has no such setting.
+/// Label classes that the paper excludes from training in a model's setting (section 4.1); none where the paper has no such setting.
 pub fn unknown_classes(model_name: &str) -> Vec<String> {
     let names: &[&str] = match model_name {
         "udi" => &["golf_cart", "forklift"],
@@ -178,7 +178,7 @@ pub fn unknown_classes(model_name: &str) -> Vec<String> {
     names.iter().map(|name| (*name).to_owned()).collect()
 }
 
-/// One rule a known class at the paper's overlap in a model's setting (KITTI's, but 0.5 for cars elsewhere), then one for `unknown` if there is any such class.
+/// One rule per known class at the paper's overlap in a model's setting (KITTI's, but 0.5 for cars elsewhere), then one for `unknown` if it has classes.
 pub fn paper_rules(
     model_name: &str,
     known: &[String],
@@ -193,7 +193,7 @@ pub fn paper_rules(
         unknown_iou_min: UNKNOWN_IOUS[0],
         ..RuleRequest::default()
     };
-    // The classes are named, so the frames are not asked for them.
+    // The classes are named, so no frames are needed to find them.
     rules(&request, &[])
 }
 
@@ -206,7 +206,7 @@ fn checked(class: &str, iou_min: f64) -> Result<f64> {
     )))
 }
 
-/// The overlap asked for, else KITTI's, else 0.7 for trucks and vans and 0.5 for others.
+/// The requested overlap, else KITTI's, else 0.7 for trucks and vans and 0.5 for others.
 fn overlap_of(class: &str, asked: &[(String, f64)]) -> f64 {
     let asked = asked.iter().map(|(name, iou)| (name.as_str(), *iou));
     let known = asked.chain(KITTI_CLASSES);
@@ -215,7 +215,7 @@ fn overlap_of(class: &str, asked: &[(String, f64)]) -> f64 {
     found.map_or(0.5, |(_, iou)| iou)
 }
 
-/// Labelled classes that KITTI does not leave out.
+/// Labelled classes that KITTI does not ignore.
 fn labelled(frames: &[LabelledFrame]) -> BTreeSet<String> {
     let labels = frames.iter().flat_map(|frame| frame.labels.iter());
     let classes = labels.map(|label| label.class.to_ascii_lowercase());
@@ -228,7 +228,7 @@ fn is_judged(class: &str, rules: &[ClassRule]) -> bool {
     rules.any(|rule| contains(&rule.valid, class) || contains(&rule.ignored, class))
 }
 
-/// Classes of labels that no rule judges and that are neither KITTI's nor the simulator's, in alphabetical order: misspelt ones, most likely.
+/// Classes of labels that no rule covers and that are neither KITTI's nor the simulator's, in alphabetical order: probably misspelt.
 pub fn unrecognized<'a>(
     labels: impl Iterator<Item = &'a Label>,
     rules: &[ClassRule],
@@ -239,8 +239,8 @@ pub fn unrecognized<'a>(
     classes.map(str::to_owned).collect()
 }
 
-/// Labelled classes that no rule judges and that KITTI does not leave out either, in alphabetical order: their labels
-/// are background, which a person may not have meant.
+/// Labelled classes that no rule covers and that KITTI does not ignore, in alphabetical order: their labels count as background,
+/// which may not be intended.
 pub fn unevaluated(frames: &[LabelledFrame], rules: &[ClassRule]) -> Vec<String> {
     let classes = labelled(frames).into_iter();
     classes.filter(|class| !is_judged(class, rules)).collect()

@@ -1,21 +1,21 @@
-//! The threshold of the gate: open-set figures for many, and the choice of one (paper, section 4.3): the paper's way (on the test frames
-//! themselves, an oracle) and the honest one (on one half of the frames, judged on the other, and swapped).
+//! The threshold of the gate: open-set figures for many thresholds, and the choice of one (paper, section 4.3): the paper's way (on the test
+//! frames themselves, an oracle) and an honest protocol (chosen on one half of the frames, evaluated on the other, then swapped).
 
 use crate::{ClassRule, JudgedFrames, LabelledFrame, OpenSetFigures, harmonic_mean};
 use mluc_geometry::mean_and_spread;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Part of the closed set's mean AP that a threshold may not fall below: "not reduced by more than 10 %", read as
-/// relative, which fits the paper's second table (63.8 beside a closed set of 70.5).
+/// Minimum share of the closed set's mean AP at a threshold: "not reduced by more than 10 %", read as
+/// relative, which fits the paper's second table (63.8 with a closed set of 70.5).
 pub const KNOWN_KEPT_MIN: f64 = 0.9;
 
-/// Open-set figures at one threshold: percent, volumes, moderate, 40 positions.
+/// Open-set figures at one threshold: percent, 3D boxes, moderate, 40 positions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SweepPoint {
     /// The threshold.
     pub threshold: f64,
-    /// Unknown labels found by any unknown detection.
+    /// Share of unknown labels found by any unknown detection.
     pub recall_unknown: f64,
     /// AP of the unknown.
     pub ap_unknown: f64,
@@ -44,14 +44,14 @@ impl SweepPoint {
 pub struct JudgedPoint {
     /// The threshold.
     pub threshold: f64,
-    /// Of all frames.
+    /// Figures of all frames.
     pub all: OpenSetFigures,
-    /// Of the frames of even and of odd index.
+    /// Figures of the frames of even and of odd index.
     pub halves: [OpenSetFigures; 2],
 }
 
 impl JudgedPoint {
-    /// What the frames of a threshold are worth.
+    /// Evaluates the frames of a threshold.
     pub(crate) fn of(threshold: f64, frames: &[LabelledFrame], rules: &[ClassRule]) -> JudgedPoint {
         let judged = JudgedFrames::of(frames, rules);
         let half = |first: usize| (first..frames.len()).step_by(2).collect::<Vec<_>>();
@@ -68,8 +68,8 @@ impl JudgedPoint {
     }
 }
 
-/// Index of the point with the best harmonic mean among those that keep nine tenths of the mean AP of the first one, the closed set;
-/// the first of equal ones; 0 without points.
+/// Index of the point with the best harmonic mean among the points that keep nine tenths of the mean AP of the first point, the closed
+/// set; the first one at equal values; 0 without points.
 pub fn best_index(points: &[SweepPoint]) -> usize {
     let keeps = |i: &usize| points[*i].map_known >= KNOWN_KEPT_MIN * points[0].map_known;
     let harm = |i: usize| points[i].map_harm();
@@ -82,11 +82,11 @@ pub fn best_index(points: &[SweepPoint]) -> usize {
 pub struct Honest {
     /// Thresholds chosen on the even and on the odd frames.
     pub thresholds: [f64; 2],
-    /// Each figure's mean over the two halves, each judged at the threshold that the other chose. Counts are means too.
+    /// Each figure's mean over the two halves, each evaluated at the threshold that the other half chose. Counts are means too.
     pub figures: BTreeMap<String, f64>,
 }
 
-/// Chooses on each half and judges on the other; `None` without points.
+/// Chooses on each half and evaluates on the other; `None` without points.
 pub fn honest(points: &[JudgedPoint]) -> Option<Honest> {
     points.first()?;
     let [even, odd] = [0, 1].map(|half| {
@@ -103,7 +103,7 @@ pub fn honest(points: &[JudgedPoint]) -> Option<Honest> {
     })
 }
 
-/// At most `count` thresholds that cut the values into equal parts, ascending, without repeats; values that are not finite are left out.
+/// At most `count` quantiles of the values, ascending, without repeats; non-finite values are left out.
 pub(crate) fn quantile_grid(values: &[f64], count: usize) -> Vec<f64> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);

@@ -1,41 +1,41 @@
-//! Unknown objects as events: one that is followed is one alarm, however many scans show it.
+//! Unknown objects as events: a tracked object is one alarm, however many scans show it.
 //!
-//! A track is false when most of its objects lie on no label. A label that has a number in its drive is found when an unknown object
-//! with a track lies on it in one of its scans. What counts is as in [`crate::Operating`].
+//! A track is false when most of its objects are on no label. A label with a track id is found when an unknown object
+//! with a track is on it in one of its scans. The counting rules are the same as in [`crate::Operating`].
 
 use crate::operating::{Place, counted, is_on, lies_on};
 use crate::{ClassRule, Difficulty, LabelledFrame, ObjectKind, UNKNOWN};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Scans in which a label must count: what is seen more briefly cannot be confirmed.
+/// Minimum number of scans in which a label must count: an object seen for a shorter time cannot be confirmed.
 const SCANS_MIN: usize = 5;
 const SCANS_A_MINUTE: f64 = 600.0;
 
 /// Tracks of unknown objects over all drives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Tracks {
-    /// Tracks of which an object was published.
+    /// Tracks with at least one published object.
     pub tracks: usize,
-    /// False ones.
+    /// False tracks.
     pub on_no_label: usize,
-    /// False ones a minute at 10 Hz.
+    /// False tracks per minute at 10 Hz.
     pub on_no_label_a_minute: f64,
-    /// Numbered labels of the unknown classes that count in five scans or more.
+    /// Labels of the unknown classes with a track id that count in five scans or more.
     pub labels: usize,
-    /// Those that were found.
+    /// Labels of these that were found.
     pub found: usize,
 }
 
 impl Tracks {
-    /// Of frames drive by drive; `drives` says how many each has. `None` where nothing is numbered, or unknown objects are published without a track.
+    /// Counts frames in order of their drives; `drives` has the frame count of each. `None` without track ids, or where unknown objects have none.
     pub fn of(frames: &[LabelledFrame], drives: &[usize], rules: &[ClassRule]) -> Option<Tracks> {
         let mut all = Tracks::default();
         let mut rest = frames;
         for count in drives {
             let (drive, others) = rest.split_at(*count);
             rest = others;
-            // By number: false objects and all; scans and whether it was found.
+            // By track id: false objects and all objects; by label: scans and whether it was found.
             let mut tracks = BTreeMap::<u32, [usize; 2]>::new();
             let mut labels = BTreeMap::<u32, (usize, bool)>::new();
             for frame in drive {
@@ -100,7 +100,7 @@ mod tests {
         };
         let scan = |i: u32| {
             let labels = [(10.0, 0), (30.0, 1)].map(|(x_m, n)| numbered(label("Van", x_m), n));
-            // Track 4 lies on the first van in every other scan, track 5 on nothing in most; the last object is not followed.
+            // Track 4 is on the first van in every other scan, track 5 is on nothing in most; the last object has no track.
             let second_m = if i == 0 { 30.0 } else { 50.0 };
             let places = [(10.0, 4), (second_m, 5), (60.0, 6 + i / 3)];
             let objects = places.map(|(x_m, n)| numbered(found_at(x_m, UNKNOWN, 0.5), n));
@@ -120,7 +120,7 @@ mod tests {
             found: 2,
         };
         assert_eq!(found, expected);
-        // The same numbers in another drive are other objects.
+        // The same ids in another drive are other objects.
         let two = Tracks::of(&frames, &[3, 3], &rules).expect("tracks");
         assert_eq!((two.tracks, two.labels), (6, 0));
         assert_eq!(Tracks::of(&[frame(vec![], vec![])], &[1], &rules), None);

@@ -1,4 +1,4 @@
-//! A model judged on simulated scans: the path from points to figures, the closed set, the choice of the threshold.
+//! Judges a model on simulated scans: the path from points to figures, the closed set, the choice of the threshold.
 
 use mluc_backbone::Precision;
 use mluc_dataset::{Dataset, Label};
@@ -16,8 +16,8 @@ use mluc_simulate::{ExportOptions, Family, Split, export};
 use mluc_tests::untrained_udi;
 use std::path::PathBuf;
 
-/// Boxes on the labels as a trained network would keep them: knowns near their prototypes, unknowns (called cars)
-/// between them, with one known of each frame as unsure as the unknowns.
+/// Boxes on the labels like those of a trained network: known objects near their prototypes, unknown objects (called cars)
+/// between them; in each frame one known object is as uncertain as the unknown ones.
 fn synthetic_unknown(set: &FrameSet, dataset: &Dataset, classes: &[String]) -> Vec<DetectedFrame> {
     let frame = |index: usize| {
         let name = &set.names()[index];
@@ -62,7 +62,7 @@ fn boxes_that_touch_no_label_are_the_background() {
     let of_e = |fixture: &Fixture| fixture.judge(&fixture.model).separation[0].clone();
     let before = of_e(&fixture);
     assert_eq!((before.background, before.auroc_background), (0, None));
-    // One between the prototypes and three far beyond them, high above the ground; in front a box on a label that has a surer one.
+    // One box between the prototypes and three far beyond them, high above the ground. Before them: a box on a label that has a surer box.
     for frame in &mut fixture.frames {
         let worse = frame.detections.first().map(|surer| Detection {
             objectness: 0.1,
@@ -78,7 +78,7 @@ fn boxes_that_touch_no_label_are_the_background() {
     assert_eq!((e.background, e.auroc_background), (48, Some(0.75)));
     let figures = |s: &ScoreSeparation| (s.auroc, s.known, s.unknown);
     assert_eq!(figures(&e), figures(&before));
-    // Where nobody labelled, a box may lie on anything.
+    // In a region without labels a box may lie on any object.
     let region = Label {
         class: "DontCare".to_owned(),
         image_box_px: [0.0, 0.0, 1e4, 1e4],
@@ -98,7 +98,7 @@ fn without_the_gate_the_objects_are_the_detections() {
     let (model, set) = (&fixture.model, &fixture.set);
     let frames = detect_frames(Precision::default(), model, set, || ()).expect("detections");
     let (gate, settings) = (ModelGate::of(model), Settings::default());
-    // Where all is below the threshold nothing stays known.
+    // If all scores are below the threshold, no object stays known.
     let asked = vec![0.0, f64::from(f32::MAX)];
     let found = objects_at(model, gate, set, &frames, &settings, asked, &|| ()).expect("objects");
     let classes = model.manifest.class_names();
@@ -114,7 +114,7 @@ fn without_the_gate_the_objects_are_the_detections() {
     }
 }
 
-/// Scans, an untrained model and boxes as a trained network would keep them.
+/// Scans, an untrained model, and boxes like those of a trained network.
 struct Fixture {
     folder: tempfile::TempDir,
     path: PathBuf,
@@ -126,7 +126,7 @@ struct Fixture {
 impl Fixture {
     fn new(scan_count: u32) -> Fixture {
         let folder = tempfile::tempdir().expect("a folder");
-        // Validation scenes show unknown objects too.
+        // Validation scenes also contain unknown objects.
         let root = folder.path().join("val");
         let options = ExportOptions::new(Family::SimUdi, Split::Val, scan_count, 3, root.clone());
         export(&options, || ()).expect("simulated scans");
@@ -171,7 +171,7 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
     assert_eq!((first.recall_unknown, first.ap_unknown), (0.0, 0.0));
     assert!(swept.len() > 30);
 
-    // Every unknown lies below 1.2, the sure knowns above 1.8.
+    // Every unknown object is below 1.2, the certain known objects are above 1.8.
     assert!(judged.unknown_labels() > 0);
     assert_eq!(judged.unknown_as_known, judged.unknown_labels());
     let e = &judged.separation[0];
@@ -199,14 +199,14 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
     let files = std::fs::read_dir(fixture.folder.path()).expect("a folder");
     assert_eq!(files.count(), 2);
 
-    // At its new threshold the model's own figures are the sweep's.
+    // At its new threshold the model's own figures equal those of the sweep.
     let again = fixture.judge(&written);
     let unknown = again.gated.unknown().expect("an unknown group").main();
     let known = again.gated.map_known();
     assert_eq!(known.r40.to_bits(), best.map_known.to_bits());
     assert_eq!(unknown.ap.r40.to_bits(), best.ap_unknown.to_bits());
 
-    // The file is no longer the one that was judged.
+    // The file is no longer the file that was judged.
     let fault = write_threshold(path, model, &choice).expect_err("changed");
     let expected = "expected the file that was judged";
     assert!(fault.to_string().contains(expected), "{fault}");
@@ -215,7 +215,7 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
 #[test]
 fn scores_of_profiles_keep_false_objects_below_their_limits() {
     let mut fixture = Fixture::new(12);
-    // In each frame one known object on no label: more than any profile allows.
+    // Each frame gets one known object that is on no label: more than any profile allows.
     for frame in &mut fixture.frames {
         let aside = Box3::new([0.0, 65.0, 0.0, 4.0, 1.6, 1.5, 0.0]);
         frame.detections.push(detection(&aside, 0, 0.25, 3.0));

@@ -1,4 +1,4 @@
-//! What the program `mluc-lab` does itself.
+//! Implementation of the program `mluc-lab`.
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod exchange;

@@ -1,4 +1,4 @@
-//! `mluc-lab`: what happens off the vehicle.
+//! `mluc-lab`: the tools for use outside the vehicle.
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
 mod commands;

@@ -1,4 +1,4 @@
-//! The report: what was judged, made into rows, figures, pictures, JSON and a page.
+//! The report: evaluations become rows, figures, pictures, JSON and a page.
 
 use crate::evaluate::{BOOTSTRAP_SEED, key, read_model, setting_rules, step_key};
 use crate::evaluated::{ByRow, Evaluated};
@@ -18,7 +18,7 @@ const FIGURE_5: &str = "Figure 5: AP of the unknown and mAP of the known over th
 const FIGURE_6: &str = "Figure 6: the frame with most unknown objects within 32 m, as labelled and as each method sees it; unknown \
     objects are shown down to the score at which a method has one false alarm a frame, known ones from 0.3";
 
-/// Writes everything, and gives the page's path.
+/// Writes all files of the report, and returns the page's path.
 pub(crate) fn write_report(
     options: &Options,
     tests: &Tests,
@@ -58,7 +58,7 @@ pub(crate) fn write_report(
     Ok(path)
 }
 
-/// Writes every picture; each file with what it shows.
+/// Writes every picture; returns each file with its description.
 fn write_pictures(
     out: &Path,
     report: &ReproductionReport,
@@ -79,7 +79,7 @@ fn write_pictures(
     Ok(pictures)
 }
 
-/// Every evaluation of a setting that is up to date.
+/// Every up-to-date evaluation of a setting.
 fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow> {
     let (layout, setting) = (&options.layout(), test.setting);
     let mut found = ByRow::new();
@@ -97,7 +97,7 @@ fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow> {
     Ok(found)
 }
 
-/// Our method after each of its steps, as far as it was judged.
+/// Our method after each of its steps, for the steps that were evaluated.
 fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
     let (layout, setting, row) = (&options.layout(), test.setting, Method::MlucFull.row());
     let run = (setting, row.network, 1);
@@ -108,7 +108,7 @@ fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
     let key = key(&model, test);
     let steps = full_steps(&model);
     let keys = (0..steps.len() - 1).map(step_key);
-    // With every step it is the row itself.
+    // With all steps it is the row itself.
     let keys = keys.chain([row.key.clone()]);
     let rows = steps.into_iter().zip(keys).filter_map(|(step, of_step)| {
         let kept = Evaluated::read(&layout.evaluation_of(setting, &of_step, 1), &key)?;
@@ -135,7 +135,7 @@ fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Value>
             let run = (setting, network, seed);
             let model = read_model(layout, run)?;
             let provenance = &model.manifest.provenance;
-            // The first seed's, where the network tells unknown from known.
+            // Only for the first seed, where the network has a score that separates unknown from known.
             let separation = row.separation.iter().filter(|_| seed == 1 && plan.scored);
             networks.push(json!({
                 "network": row.network, "seed": seed, "steps": provenance.steps, "batch": provenance.batch,
@@ -153,19 +153,19 @@ fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Value>
     }))
 }
 
-/// A command with the folders' default names: a report tells no machine's paths.
+/// A command with the folders' default names: a report contains no paths of a machine.
 fn portable(layout: &Layout, command: &str) -> String {
     let [data, runs] = [&layout.data, &layout.runs].map(|folder| format!(" {}/", folder.display()));
     command.replace(&data, " data/").replace(&runs, " runs/")
 }
 
-/// Where each split comes from; hashes are FNV-1a over all labels, the sizes of all scans and the bytes of every 50th scan.
+/// Source of each split; hashes are FNV-1a over all labels, the sizes of all scans and the bytes of every 50th scan.
 fn data(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
     let (layout, sizes) = (&options.layout(), options.sizes(test.setting));
     let mut data = Vec::new();
     for simulation in Simulation::all(layout, test.setting, &sizes) {
         let (frames, folder) = (simulation.options.frames, &simulation.options.folder);
-        // Where nothing is trained fewer frames may lie there, or none.
+        // Without training there may be fewer frames, or none.
         if simulation.is_done().unwrap_or(false) {
             let hash = data_hash(&Dataset::open(folder)?, frames as usize)?;
             let split = simulation.name;

@@ -6,10 +6,10 @@ use mluc_evaluate::{KNOWN_KEPT_MIN, SweepPoint};
 use mluc_geometry::mean_and_spread;
 use std::collections::BTreeMap;
 
-/// One row from the evaluations of its seeds: the spread is over seeds where there are several, else over draws of the frames.
+/// One row from the evaluations of its seeds: the spread is over seeds where there are several, else over resamples of the frames.
 pub(crate) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
     let first = seeds.first()?;
-    // Points that keep nine tenths of the first one's mAP.
+    // Points that keep nine tenths of the first point's mAP.
     let closed = first.curve.first().map_or(0.0, |point| point.map_known);
     let keeps = |point: &&SweepPoint| point.map_known >= KNOWN_KEPT_MIN * closed;
     let over_seeds = |of: &dyn Fn(&Evaluated) -> Vec<(String, f64)>| {
@@ -24,7 +24,7 @@ pub(crate) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
     let (spread, figures) = if seeds.len() > 1 {
         (SpreadKind::Seeds, over_seeds(&Evaluated::named))
     } else {
-        // Figures that the bootstrap was not taken of have a deviation of 0.
+        // Figures without a bootstrap have a deviation of 0.
         let with_spread = |(name, value): (String, f64)| {
             let spread = first.bootstrap.get(&name).map_or(0.0, |f| f[1]);
             (name, [value, spread])

@@ -1,4 +1,4 @@
-//! The step that judges every row on one network.
+//! The step that evaluates every row on one network.
 
 use crate::layout::{Layout, Run};
 use crate::methods::{Method, MethodInput, MethodRow, full_steps, run_method};
@@ -14,7 +14,7 @@ use mluc_evaluate::{
 use mluc_model::Model;
 use mluc_train::NetworkKind;
 
-/// Changes with the meaning of what is kept.
+/// Version of the stored evaluations; changes with their meaning.
 const FORMAT: u32 = 7;
 pub(crate) const BOOTSTRAP_SEED: u64 = 1;
 
@@ -26,7 +26,7 @@ pub(crate) fn setting_rules(setting: Setting) -> Result<Vec<ClassRule>> {
     paper_rules(name, &known[..count], &unknown_classes(name))
 }
 
-/// The key of an evaluation: the network, the frames, the draws.
+/// The key of an evaluation: the network, the frames, the number of resamples.
 pub(crate) fn key(model: &Model, test: &TestFrames) -> String {
     format!(
         "format {FORMAT}, model {:016x}, data {}, {} frames, {} draws",
@@ -37,7 +37,7 @@ pub(crate) fn key(model: &Model, test: &TestFrames) -> String {
     )
 }
 
-/// Reads the model of a run and checks that it is of the setting.
+/// Reads the model of a run and checks its setting.
 pub(crate) fn read_model(layout: &Layout, run: Run) -> Result<Model> {
     let path = layout.model_of(run);
     let model = Model::read(&path)?;
@@ -49,7 +49,7 @@ pub(crate) fn read_model(layout: &Layout, run: Run) -> Result<Model> {
     Ok(model)
 }
 
-/// Judges every row on a network that is not judged yet, and the steps of our method. Frames go through the network once.
+/// Evaluates every row on a network without a current evaluation, and the steps of our method. The network runs once per frame.
 pub(crate) fn evaluate_network(
     layout: &Layout,
     test: &TestFrames,
@@ -73,7 +73,7 @@ pub(crate) fn evaluate_network(
     screen.count("network", test.set.names().len() as u64);
     let frames = detect_frames(Precision::default(), &model, &test.set, || screen.tick())?;
     let rules = setting_rules(setting)?;
-    // A van found as a car is wrong.
+    // Here a van found as a car is wrong.
     let mut strict = rules.clone();
     strict.iter_mut().for_each(|rule| rule.ignored.clear());
     let separation = separation(&frames, &rules);
@@ -97,14 +97,14 @@ pub(crate) fn evaluate_network(
     Ok(())
 }
 
-/// Something to be judged, a row or our method as it was after one of its steps: its key, method and steps.
+/// An evaluation to make, of a row or of our method after one of its steps: its key, method and last step.
 type Job = (String, Method, usize);
 
 fn jobs(model: &Model, network: NetworkKind, seed: u64) -> Vec<Job> {
     let row = |row: &MethodRow| (row.key.clone(), row.method, usize::MAX);
     let mut jobs: Vec<Job> = MethodRow::on(network, seed).map(row).collect();
     if network == Method::MlucFull.row().network && seed == 1 {
-        // The last one is the row itself.
+        // The last step is the row itself.
         let steps = 0..full_steps(model).len() - 1;
         jobs.extend(steps.map(|step| (step_key(step), Method::MlucFull, step)));
     }
@@ -116,7 +116,7 @@ pub(crate) fn step_key(step: usize) -> String {
     format!("{}-step{step}", Method::MlucFull.row().key)
 }
 
-/// Sweep, choice, honest protocol, bootstrap; at the chosen threshold also by the strict rules.
+/// Sweep, choice, honest protocol, bootstrap; at the chosen threshold also figures by the strict rules.
 fn judge(
     frames: &[DetectedFrame],
     [rules, strict]: [&[ClassRule]; 2],

@@ -1,4 +1,4 @@
-//! The outcome of an evaluation, as it is kept between runs.
+//! The result of an evaluation, as stored between runs.
 
 use crate::{Result, layout::write_whole};
 use mluc_evaluate::pipeline::ScoreSeparation;
@@ -6,45 +6,45 @@ use mluc_evaluate::{EvaluateError, Honest, OpenSetFigures, SensorDetection, Swee
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::Path};
 
-/// Evaluations by the key of their row, the first seed first.
+/// Evaluations by the key of their row, in the order of the seeds.
 pub(crate) type ByRow = BTreeMap<&'static str, Vec<Evaluated>>;
 
-/// A row judged on one network.
+/// The evaluation of a row on one network.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Evaluated {
-    /// What it depends on: while this is the same, the evaluation need not be made again.
+    /// Everything that the evaluation depends on: while the key is the same, it is not made again.
     pub(crate) key: String,
     pub(crate) network: String,
     pub(crate) seed: u64,
     /// The chosen threshold.
     pub(crate) threshold: f64,
-    /// Figures there.
+    /// Figures at the chosen threshold.
     pub(crate) figures: OpenSetFigures,
-    /// Figures there where a look-alike (a van found as a car) is wrong, not ignored.
+    /// Figures at the chosen threshold where a similar object (a van found as a car) is wrong, not ignored.
     pub(crate) strict: OpenSetFigures,
-    /// Every named figure with its deviation over draws of the frames.
+    /// Every named figure with its deviation over resamples of the frames.
     pub(crate) bootstrap: BTreeMap<String, [f64; 2]>,
     pub(crate) honest: Option<Honest>,
-    /// Every threshold, the closed set first.
+    /// Figures at every threshold, closed set first.
     pub(crate) curve: Vec<SweepPoint>,
-    /// How well the scores of the network's boxes separate; the same for every row on a network.
+    /// Separation by the scores of the network's boxes; the same for every row on a network.
     pub(crate) separation: Vec<ScoreSeparation>,
-    /// Unknown objects of a lower score are left out of pictures: one false alarm a frame in the mean.
+    /// Pictures leave out unknown objects with a lower score: on average one false alarm per frame.
     pub(crate) unknown_score_min: Option<f64>,
-    /// What was found at the chosen threshold, frame by frame.
+    /// Objects at the chosen threshold, frame by frame.
     pub(crate) objects: Vec<Vec<SensorDetection>>,
 }
 
 impl Evaluated {
-    /// What is kept at a place, if it is of this key.
+    /// Reads the evaluation at `path`, if it has this key.
     pub(crate) fn read(path: &Path, key: &str) -> Option<Evaluated> {
-        // A file that cannot be read or is of an older form is made again.
+        // A file that cannot be read or has an older format is made again.
         let text = std::fs::read(path).ok()?;
         let kept: Evaluated = serde_json::from_slice(&text).ok()?;
         (kept.key == key).then_some(kept)
     }
 
-    /// Every figure by the name that it has in a report.
+    /// Every figure with its name in a report.
     pub(crate) fn named(&self) -> Vec<(String, f64)> {
         let strict = [
             ("map_known_strict", self.strict.known.r40),

@@ -1,4 +1,4 @@
-//! Where everything lies.
+//! Locations of all files.
 
 use crate::{Result, Setting};
 use mluc_dataset::whole_file;
@@ -6,7 +6,7 @@ use mluc_evaluate::EvaluateError;
 use mluc_train::NetworkKind;
 use std::path::{Path, PathBuf};
 
-/// A network: what it is trained on, its kind, its seed.
+/// A network: its setting, its kind, its seed.
 pub(crate) type Run = (Setting, NetworkKind, u64);
 
 /// The three folders of a reproduction.
@@ -14,7 +14,7 @@ pub(crate) type Run = (Setting, NetworkKind, u64);
 /// ```text
 /// DATA/sim-udi/{train,val,test}          simulated scans
 /// DATA/sim-udi-supervised/train          with unknown classes, labelled
-/// DATA/sim-udi-synthetic-unknown/train   with synthetic unknown objects, made up of known ones
+/// DATA/sim-udi-synthetic-unknown/train   with synthetic unknown objects, made of known ones
 /// RUNS/sim-udi/NETWORK[-sSEED]/          one run of the trainer: model.safetensors, checkpoint, log
 /// RUNS/sim-udi/evaluations/METHOD[-sSEED].json
 /// OUT/                                   the report
@@ -51,13 +51,13 @@ impl Layout {
     }
 }
 
-/// The first seed goes without saying.
+/// The first seed is omitted from the name.
 fn with_seed(name: &str, seed: u64) -> String {
     let numbered = format!("{name}-s{seed}");
     if seed == 1 { name.to_owned() } else { numbered }
 }
 
-/// Writes a file that is whole or not there. Makes the folder.
+/// Writes a file completely or not at all. Creates the folder.
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     let folder = path.parent().unwrap_or(path);
     std::fs::create_dir_all(folder).map_err(|e| EvaluateError::file(folder, e))?;

@@ -1,9 +1,9 @@
-//! The paper's tables with one command: simulate what is missing, train what is missing, evaluate, report.
+//! The paper's tables with one command: simulates and trains what is missing, evaluates, reports.
 //!
-//! [`run`] takes the steps of a plan one by one. Every step leaves its outcome in a file (a data set, a model, an evaluation), written whole or not at all, so
-//! a run that was interrupted goes on where it stopped, and a network that was trained elsewhere is taken as it is.
+//! [`run`] takes the steps of a plan one by one. Every step stores its result in a file (a data set, a model, an evaluation), written completely or
+//! not at all, so an interrupted run continues where it stopped, and a network trained elsewhere is used unchanged.
 //!
-//! What it leaves out: the clock and the machine. Figures depend on the data, the networks and the seeds alone.
+//! Not included: the time and the machine. Figures depend only on the data, the networks and the seeds.
 
 mod assemble;
 mod combine;
@@ -28,5 +28,5 @@ pub use train::{RunState, run_state};
 use layout::Layout;
 use setting::{Setting, Size};
 
-/// A step's outcome.
+/// Result of a step.
 pub(crate) type Result<T, E = mluc_evaluate::EvaluateError> = std::result::Result<T, E>;

@@ -1,4 +1,4 @@
-//! What a reproduction is asked for, where it shows how far it is, and the frames that its figures are taken on.
+//! Options of a reproduction, its progress display, and the frames of its figures.
 
 use crate::{Layout, Result, Setting, Size, setting::Sizes};
 use clap::{ArgAction, Parser};
@@ -66,7 +66,7 @@ impl Options {
         }
     }
 
-    /// Folders.
+    /// The three folders.
     pub(crate) fn layout(&self) -> Layout {
         let below = |folder: &str| match self.size() {
             Size::Full => PathBuf::from(folder),
@@ -80,7 +80,7 @@ impl Options {
         }
     }
 
-    /// What to make tables of.
+    /// The settings to make tables of.
     pub(crate) fn settings(&self) -> Vec<Setting> {
         match (&self.dataset, self.setting) {
             (Some(_), _) => vec![Setting::Kitti],
@@ -95,7 +95,7 @@ impl Options {
         Some(Splits { root, folder })
     }
 
-    /// The command as a reader would repeat it: without folders of this machine.
+    /// The command for a reader to repeat: without folders of this machine.
     pub(crate) fn command(&self) -> String {
         let mut text = "mluc-lab reproduce".to_owned();
         if let Some(dataset) = &self.dataset {
@@ -128,28 +128,28 @@ impl Options {
     }
 }
 
-/// Where a reproduction shows how far it is. Called from many threads.
+/// Progress display of a reproduction. Called from many threads.
 pub trait Screen: Sync {
-    /// A step begins: its number from 1, how many there are, what it is.
+    /// A step starts: its number from 1, the number of steps, its name.
     fn step(&self, number: usize, steps: usize, name: &str);
-    /// Something of so many parts begins.
+    /// Work with `total` parts starts.
     fn count(&self, what: &str, total: u64);
-    /// A part is done.
+    /// A part is finished.
     fn tick(&self);
-    /// Something worth a line.
+    /// A message for the user.
     fn note(&self, text: &str);
     /// Another program is about to write to the terminal.
     fn clear(&self);
 }
 
-/// By setting.
+/// Test frames by setting.
 pub(crate) type Tests = BTreeMap<Setting, TestFrames>;
 
-/// The frames that the figures of a setting are taken on.
+/// The frames on which the figures of a setting are computed.
 pub(crate) struct TestFrames {
     pub(crate) setting: Setting,
     pub(crate) set: FrameSet,
-    /// Of labels and scans.
+    /// Hash of labels and scans.
     pub(crate) hash: String,
     pub(crate) resamples: usize,
 }
@@ -160,7 +160,7 @@ impl TestFrames {
         let sizes = options.sizes(setting);
         let is_whole = options.size() == Size::Full && options.test_frames.is_none();
         let frames = match setting {
-            // All of a recorded split, unless fewer are asked for.
+            // All frames of a recorded split, unless fewer are requested.
             Setting::Kitti if is_whole => usize::MAX,
             _ => sizes.test_frames as usize,
         };

@@ -1,11 +1,11 @@
-//! The scenes of figure 6: which frames are shown, and what each row found in them.
+//! The scenes of figure 6: the chosen frames, and the objects of each row in them.
 
 use crate::evaluated::{ByRow, Evaluated};
 use crate::report::{DrawnScene, Panel};
 use crate::{Result, evaluate::setting_rules, options::TestFrames};
 use mluc_evaluate::{Difficulty, ObjectKind, SensorDetection};
 
-/// Columns of figure 6 beside the labels, as far as they were evaluated; of two with one title the first.
+/// Columns of figure 6 after the labels, for the evaluated rows; where two have the same title, the first one.
 const SHOWN: [(&str, &str); 6] = [
     ("closed-set", "Closed set"),
     ("naive", "Naive"),
@@ -14,15 +14,15 @@ const SHOWN: [(&str, &str); 6] = [
     ("paper-corrected", "MLUC"),
     ("mluc-full", "MLUC full"),
 ];
-/// Known objects of a lower score are left out of pictures.
+/// Pictures leave out known objects with a lower score.
 const KNOWN_SCORE_MIN: f64 = 0.3;
 /// Objects further away are hard to see in a picture, m.
 const NEAR_M: f64 = 32.0;
 
-/// A label as it is drawn.
+/// A label in a picture.
 struct Truth {
     shown: SensorDetection,
-    /// Of a class that is judged, and easy enough.
+    /// Whether its class is evaluated and it is easy enough.
     counts: bool,
     range_m: f64,
 }
@@ -33,7 +33,7 @@ impl Truth {
     }
 }
 
-/// Labels of a frame that are seen at all (in view of the camera where there is one).
+/// Labels of a frame that are visible (in view of the camera where there is one).
 fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>> {
     let rules = setting_rules(test.setting)?;
     let truth = test.set.truth(index)?;
@@ -57,7 +57,7 @@ fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>> {
     Ok(drawn.collect())
 }
 
-/// The frame with most unknown objects that count within 32 m, then with most known ones; `None` without any such object.
+/// The frame with the most counting unknown objects within 32 m, then with the most known ones; `None` without any such object.
 pub(crate) fn figure6_scene(test: &TestFrames, evaluated: &ByRow) -> Result<Option<DrawnScene>> {
     let mut best: Option<([usize; 2], usize)> = None;
     for index in 0..test.set.names().len() {
@@ -95,7 +95,7 @@ pub(crate) fn figure6_scene(test: &TestFrames, evaluated: &ByRow) -> Result<Opti
     }))
 }
 
-/// The objects of a frame that score enough to be drawn.
+/// The objects of a frame with a score high enough to be drawn.
 fn shown(evaluated: &Evaluated, index: usize) -> Vec<SensorDetection> {
     let unknown_min = evaluated.unknown_score_min.unwrap_or(f64::INFINITY);
     let mut objects = evaluated.objects[index].clone();

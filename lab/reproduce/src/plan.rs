@@ -1,18 +1,17 @@
 //! The steps of a reproduction, in order.
 
 use crate::train::{NETWORKS, NetworkPlan, Training};
-use crate::{Layout, Options, Setting};
-use crate::{layout::Run, simulate::Simulation};
+use crate::{Layout, Options, Setting, layout::Run, simulate::Simulation};
 use mluc_dataset::{PrepareOptions, Splits};
 use mluc_evaluate::pipeline::unknown_classes;
 use mluc_train::NetworkKind;
 
 pub(crate) enum Work {
     Simulate(Box<Simulation>),
-    /// Brings a split of recorded scans into the trainer's form: what it is for, and how.
+    /// Converts a split of recorded scans for the trainer: its purpose, and the options.
     Prepare(&'static str, PrepareOptions),
     Train(Training),
-    /// Judges every row that runs on a network of this kind and seed.
+    /// Evaluates every row that runs on a network of this kind and seed.
     Evaluate(Run),
 }
 
@@ -41,7 +40,7 @@ impl Step {
     }
 }
 
-/// Every step for the settings, whether its outcome is there or not.
+/// Every step of the settings, including finished ones.
 pub(crate) fn plan(options: &Options) -> Vec<Step> {
     let layout = &options.layout();
     let mut steps = Vec::new();
@@ -68,7 +67,7 @@ pub(crate) fn plan(options: &Options) -> Vec<Step> {
     steps
 }
 
-/// KITTI's splits in the trainer's form, by what they are for; training frames have no unknown object, the supervised network sees all of them.
+/// KITTI's splits in the trainer's form, by purpose; training frames have no unknown object, the supervised network gets all frames.
 pub(crate) fn preparations(
     splits: &Splits,
     layout: &Layout,
@@ -90,7 +89,7 @@ pub(crate) fn preparations(
     ]
 }
 
-/// Kinds and seeds, each after what it begins with.
+/// Kinds and seeds, each after the network that it starts from.
 fn networks(seeds: u64) -> Vec<(&'static NetworkPlan, u64)> {
     let of_seed = |seed| {
         let networks = NETWORKS.iter().filter(move |n| seed == 1 || n.seeded);
@@ -126,7 +125,7 @@ mod tests {
             let run = after("--out").filter(|_| command.starts_with("mluc-lab train"));
             there.extend(run.map(|run| format!("{run}/model")));
         }
-        // Every kind, and two more seeds of three of them, in two settings.
+        // Every kind, and two more seeds of three of the kinds, in two settings.
         assert_eq!(there.len(), 2 * (NETWORKS.len() + 2 * 3));
     }
 

@@ -1,4 +1,4 @@
-//! Rows on recorded scans, with networks and thresholds from simulated scans alone: nothing is chosen on them.
+//! Rows on recorded scans, with networks and thresholds from simulated scans only: nothing is chosen on recorded scans.
 
 use crate::evaluated::{ByRow, Evaluated};
 use crate::methods::{METHODS, MethodInput, MethodRow, run_method};
@@ -12,10 +12,10 @@ use mluc_evaluate::{
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::PathBuf};
 
-/// Overlaps on recorded scans: smaller than KITTI's, since simulated boxes differ from drawn ones.
+/// Overlaps on recorded scans: smaller than KITTI's, since simulated boxes differ from annotated ones.
 const IOU_MIN: [(&str, f64); 3] = [("car", 0.5), ("pedestrian", 0.25), ("cyclist", 0.25)];
 
-/// Every evaluated row of the simulated setting on each folder by itself, and on all of them pooled.
+/// Every evaluated row of the simulated setting on each folder separately, and on all folders pooled.
 pub(crate) fn real_rows(
     layout: &Layout,
     test: &TestFrames,
@@ -44,7 +44,7 @@ pub(crate) fn real_rows(
                 by_network.insert(name.clone(), (model, frames));
             }
             let (model, frames) = &by_network[&name];
-            // The closed set first, as every method has it.
+            // The closed set first, as in every method.
             let closed = chosen.curve.first().map_or(0.0, |point| point.threshold);
             let mut asked = vec![closed, chosen.threshold];
             asked.dedup();
@@ -72,7 +72,7 @@ pub(crate) fn real_rows(
     Ok(rows)
 }
 
-/// AP over all points, moderate, by class. `fair`: trams, Misc, sitting persons and what lies in DontCare regions are neither right nor wrong.
+/// AP over all points, moderate, by class. `fair`: trams, Misc, sitting persons and objects in DontCare regions are neither right nor wrong.
 fn real_row(method: &str, data: &str, threshold: f64, frames: &[LabelledFrame]) -> Value {
     let [literal, fair] =
         [UnknownProtocol::Literal, UnknownProtocol::Fair].map(|protocol| reports(frames, protocol));

@@ -1,17 +1,16 @@
-//! Taking the steps, one after the other.
+//! Runs the steps, one after the other.
 
 use crate::options::{Options, Screen, TestFrames, Tests};
 use crate::plan::{Step, Work, plan};
 use crate::train::{RunState, run_state};
-use crate::{Result, Setting};
-use crate::{assemble::write_report, evaluate::evaluate_network};
+use crate::{Result, Setting, assemble::write_report, evaluate::evaluate_network};
 use mluc_dataset::{Dataset, check_files, prepare};
 use mluc_evaluate::EvaluateError;
 use std::{collections::btree_map::Entry, path::PathBuf};
 
-/// Takes every step whose outcome is not there yet, then writes the report and tells its path. What is done stays where a step fails.
+/// Runs every step without a result, then writes the report and returns its path. If a step fails, the finished results stay.
 pub fn run(options: &Options, screen: &dyn Screen) -> Result<PathBuf> {
-    // What would stop the report is looked at first: hours lie between.
+    // Problems that would stop the report are checked first: the steps take hours.
     if !options.real.is_empty() && !options.settings().contains(&Setting::SimKitti) {
         let what = "--real: expected --setting kitti or both settings, found others";
         return Err(EvaluateError::Input(what.to_owned()));
@@ -52,10 +51,10 @@ fn test_frames<'a>(tests: &'a mut Tests, options: &Options, of: Setting) -> Resu
     })
 }
 
-/// Whether nothing is left to do. Evaluations that are up to date say so themselves, once they have looked at the model.
+/// Whether a step has nothing left to do. An evaluation step always runs: it returns early where its results are current for the model.
 fn is_done(options: &Options, step: &Step) -> Result<bool> {
     match &step.work {
-        // Where nothing is trained only the test frames are needed.
+        // Without training only the test frames are needed.
         Work::Simulate(simulation) => {
             let is_needed = options.train || simulation.name == "test";
             Ok(!is_needed || simulation.is_done()?)
@@ -67,7 +66,7 @@ fn is_done(options: &Options, step: &Step) -> Result<bool> {
         Work::Train(training) => {
             Ok(!options.train || run_state(&training.folder)? == RunState::Done)
         }
-        // Nothing can be judged where nothing was and will be trained.
+        // An evaluation is impossible where no network exists and none will be trained.
         Work::Evaluate(run) => {
             let folder = options.layout().run_of(*run);
             Ok(!options.train && run_state(&folder)? == RunState::Missing)

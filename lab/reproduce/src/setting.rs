@@ -1,4 +1,4 @@
-//! What tables are made on, and how large a reproduction is.
+//! The settings of the tables, and the size of a reproduction.
 
 use mluc_simulate::Family;
 use serde::Deserialize;
@@ -19,17 +19,17 @@ pub(crate) enum Setting {
 }
 
 impl Setting {
-    /// Key in `report.json`, name of its folders.
+    /// Key in `report.json`, and name of its folders.
     pub(crate) fn name(self) -> &'static str {
         ["sim-udi", "sim-kitti", "kitti"][self as usize]
     }
 
-    /// The trainer's name of its classes and range.
+    /// The trainer's name for its classes and range.
     pub(crate) fn trainer_name(self) -> &'static str {
         ["udi", "kitti", "kitti"][self as usize]
     }
 
-    /// The simulator's family; none for recorded scans.
+    /// The simulator's family; `None` for recorded scans.
     pub(crate) fn family(self) -> Option<Family> {
         [Some(Family::SimUdi), Some(Family::SimKitti), None][self as usize]
     }
@@ -38,34 +38,34 @@ impl Setting {
 /// Size of the plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Size {
-    /// Figures that mean something: hours on two cores.
+    /// Meaningful figures: hours on two cores.
     Full,
-    /// The whole way in twelve minutes on two cores; the figures mean little.
+    /// The whole process in twelve minutes on two cores; the figures mean little.
     Quick,
-    /// The whole way in a minute, for tests; the figures mean nothing.
+    /// The whole process in a minute, for tests; the figures mean nothing.
     Smoke,
 }
 
 /// Frames and steps of a plan, for one setting.
 #[derive(Clone, Copy, Debug, Deserialize)]
 pub(crate) struct Sizes {
-    /// Training scans, known classes alone; as many with synthetic unknown objects.
+    /// Training scans with known classes only; the same number with synthetic unknown objects.
     pub(crate) train_frames: u32,
-    /// Training scans of the supervised network: unknown classes too, labelled.
+    /// Training scans of the supervised network, with labelled unknown classes.
     pub(crate) supervised_frames: u32,
-    /// Validation scans: the trainer's own look at a network.
+    /// Validation scans, for the trainer's own evaluation of a network.
     pub(crate) val_frames: u32,
-    /// Test scans: every figure of the report.
+    /// Test scans, for every figure of the report.
     pub(crate) test_frames: u32,
     /// Steps of the base network (`metric`).
     pub(crate) base_steps: u64,
-    /// Steps of each network that begins with the base's weights.
+    /// Steps of each network that starts from the base's weights.
     pub(crate) tuned_steps: u64,
-    /// Steps of the networks that have to learn new outputs, classes, or where the unknown lies (`metric-open`, our own, `supervised`),
-    /// and of the closed set beside them. On streets our own gains 13 points of AP of the unknown from them on validation scans.
+    /// Steps of the networks that learn new outputs, new classes, or the location of unknown objects (`metric-open`, our own, `supervised`),
+    /// and of the closed set for comparison. On streets these steps raise the AP of the unknown of our own by 13 points on validation scans.
     pub(crate) longer_steps: u64,
     pub(crate) batch: u32,
-    /// Validation scans that the trainer judges on.
+    /// Number of validation scans that the trainer evaluates on.
     pub(crate) validate_frames: u32,
     pub(crate) resamples: usize,
 }

@@ -1,4 +1,4 @@
-//! The step that simulates a split, if it is not there.
+//! The step that simulates a split, if it is missing.
 
 use crate::{Layout, Result, Setting, setting::Sizes};
 use mluc_dataset::{read_text, whole_file};
@@ -7,26 +7,26 @@ use mluc_simulate::{ExportOptions, Split, export};
 
 /// Seed of the simulated training, validation and test scans.
 const SEED: u64 = 1;
-/// Seed of the supervised network's scans. They are drawn like validation scans, which show unknown objects, with another
+/// Seed of the supervised network's scans. They are drawn like validation scans, which have unknown objects, but with another
 /// seed, so that no layout and no object is in two data sets.
 const SUPERVISED_SEED: u64 = 101;
 /// Seed of the scans with synthetic unknown objects: training scans of known classes with other layouts.
 const SYNTHETIC_SEED: u64 = 201;
 
 pub(crate) struct Simulation {
-    /// What it is for: train, supervised, synthetic-unknown, val, test.
+    /// Its purpose: train, supervised, synthetic-unknown, val, test.
     pub(crate) name: &'static str,
     pub(crate) options: ExportOptions,
 }
 
 impl Simulation {
-    /// The splits of a setting; none where scans are recorded.
+    /// The splits of a setting; none for recorded scans.
     pub(crate) fn all(layout: &Layout, setting: Setting, sizes: &Sizes) -> Vec<Simulation> {
         let Some(family) = setting.family() else {
             return Vec::new();
         };
         let of = |(name, frames, split, seed): (&'static str, u32, Split, u64)| {
-            // Data of other seeds are sets of their own, to train on.
+            // Data of other seeds are separate training sets.
             let (what, folder) = if seed == SEED {
                 (String::new(), name)
             } else {
@@ -61,7 +61,7 @@ impl Simulation {
         )
     }
 
-    /// Whether the folder holds at least the frames that are wanted. One that holds something else is an error: it is somebody's.
+    /// Whether the folder contains at least the wanted frames. A folder with other contents is an error: it may belong to the user.
     pub(crate) fn is_done(&self) -> Result<bool> {
         let folder = &self.options.folder;
         let unreadable = |e| EvaluateError::file(folder, e);
@@ -85,7 +85,7 @@ impl Simulation {
         Ok(true)
     }
 
-    /// Simulates into a folder beside the place, then moves it there: an interrupted simulation leaves nothing half done.
+    /// Simulates into a temporary folder next to the target, then moves it: an interrupted simulation leaves no incomplete data set.
     pub(crate) fn run(&self, step: impl Fn() + Sync) -> Result<()> {
         let folder = &self.options.folder;
         let beside = whole_file::beside(folder);

@@ -1,5 +1,5 @@
-//! The step that trains a network, as the command that a person would give: a run that was interrupted is resumed by the trainer
-//! itself, and a fault in it cannot take the reproduction's state along.
+//! The step that trains a network with the same command that a person would use: the trainer itself resumes an interrupted run,
+//! and a crash of the trainer does not affect the reproduction.
 
 use crate::{Layout, Result, Setting, layout::write_whole, setting::Sizes};
 use mluc_dataset::read_text;
@@ -20,31 +20,31 @@ pub(crate) struct Training {
     pub(crate) arguments: Vec<String>,
 }
 
-/// A kind of network and how it is trained, as `networks.json` has it.
+/// A kind of network and its training, as in `networks.json`.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(crate) struct NetworkPlan {
     pub(crate) network: NetworkKind,
-    /// Whose weights it begins with; the first network of the base, `metric`, begins with nothing.
+    /// The network whose weights it starts from; the first network of the base, `metric`, starts from none.
     init: NetworkKind,
-    /// Takes [`Sizes::longer_steps`].
+    /// Whether it uses [`Sizes::longer_steps`].
     longer: bool,
-    /// Data of its own, see [`Layout::data_of`]; these have no `val`.
+    /// Suffix of its own data, see [`Layout::data_of`]; these have no `val`.
     data: String,
-    /// Trained with several seeds where that is asked for: naive, MLUC and our method run on such.
+    /// Whether it is trained with several seeds on request: naive, MLUC and our method run on such networks.
     pub(crate) seeded: bool,
-    /// Its boxes carry scores that tell unknown from known.
+    /// Whether its boxes have scores that separate unknown from known.
     pub(crate) scored: bool,
 }
 
-/// Every kind of network, each after the one that it begins with.
+/// Every kind of network, each after the network that it starts from.
 pub(crate) static NETWORKS: LazyLock<Vec<NetworkPlan>> =
     LazyLock::new(|| serde_json::from_str(include_str!("networks.json")).expect("the table"));
 
-/// The base network; the others begin with its weights.
+/// The base network; the others start from its weights.
 pub(crate) const BASE: NetworkKind = NetworkKind::Metric;
 
-/// Largest learning rate of the networks that begin with another's weights: half of the base's, which they need not find again.
+/// Largest learning rate of the networks that start from another's weights: half of the base's, since the weights are already good.
 const TUNED_RATE: &str = "0.0015";
 
 impl Training {
@@ -65,7 +65,7 @@ impl Training {
         } else {
             sizes.tuned_steps
         };
-        // Recorded scans hold no synthetic unknown objects: there networks learn from pasted ones alone.
+        // Recorded scans have no synthetic unknown objects: networks then learn only from pasted ones.
         let is_recorded = setting.family().is_none();
         let data = match plan.data.as_str() {
             "-synthetic-unknown" if is_recorded => "",
@@ -75,7 +75,7 @@ impl Training {
         let validate_frames = if is_own { sizes.validate_frames } else { 0 };
         let mut arguments = vec!["train".to_owned()];
         let mut add = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
-        // A folder's name may begin as an option does.
+        // A folder's name may start like an option.
         let dot = |path: &Path| ["", "./"][usize::from(path.to_string_lossy().starts_with('-'))];
         let text = |path: &Path| format!("{}{}", dot(path), path.display());
         add("--setting", setting.trainer_name().to_owned());
@@ -90,7 +90,7 @@ impl Training {
         add("--batch", sizes.batch.to_string());
         add("--seed", seed.to_string());
         add("--validate-frames", validate_frames.to_string());
-        // A run goes on as it began, on whatever processor.
+        // A resumed run keeps its choice of bf16, on any processor.
         let begun = command_of(&folder);
         let is_new = begun == "given";
         if begun.ends_with("--bf16") || (is_new && TrainSettings::bf16_is_faster()) {
@@ -111,8 +111,8 @@ impl Training {
 
     /// Runs the trainer to its end; its progress goes to this program's stderr.
     pub(crate) fn run(&self, program: &Path) -> Result<()> {
-        // What makes the network, for the report: a model does not know how its run was started. A run that goes on may have been
-        // begun by another command, and the trainer refuses it then.
+        // Stores the command for the report: a model does not contain it. A resumed run may have another initial command; the trainer then
+        // rejects the run.
         let path = self.folder.join(COMMAND_FILE);
         let write = || write_whole(&path, self.command().as_bytes());
         if !self.folder.join("checkpoint.safetensors").exists() {
@@ -135,7 +135,7 @@ impl Training {
     }
 }
 
-/// In a run's folder: the command that made it, where a reproduction did.
+/// File in a run's folder with the command that made it, where a reproduction did.
 const COMMAND_FILE: &str = "command.txt";
 
 /// The command that made a run; "given" where it was not made by a reproduction.
@@ -143,23 +143,23 @@ pub(crate) fn command_of(folder: &Path) -> String {
     std::fs::read_to_string(folder.join(COMMAND_FILE)).unwrap_or_else(|_| "given".to_owned())
 }
 
-/// How far a run of the trainer is.
+/// Progress of a run of the trainer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunState {
     /// No model.
     Missing,
-    /// The model has fewer steps than the run's own aim.
+    /// The model has fewer steps than the run's target.
     Unfinished {
         /// Steps done.
         step: u64,
-        /// Steps in all.
+        /// Total number of steps.
         steps: u64,
     },
-    /// The run reached its own aim, or a model lies there without a log.
+    /// The run reached its target, or there is a model without a log.
     Done,
 }
 
-/// Looks at a run's folder: the log's last line says how far the run was to go, the model how far it came.
+/// Reads a run's folder: the last line of the log gives the target of the run, the model the steps done.
 pub fn run_state(folder: &Path) -> Result<RunState> {
     let (model, log) = (folder.join("model.safetensors"), folder.join("train.jsonl"));
     if !model.is_file() {
@@ -168,7 +168,7 @@ pub fn run_state(folder: &Path) -> Result<RunState> {
     if !log.is_file() {
         return Ok(RunState::Done);
     }
-    // A line that was cut by an interruption is passed over.
+    // A line that an interruption truncated is skipped.
     let text = read_text(&log)?;
     let steps_of = |line| serde_json::from_str::<Value>(line).ok()?["steps"].as_u64();
     let steps = text.lines().rev().find_map(steps_of);

@@ -1,4 +1,4 @@
-//! The method `mluc-full` is the product: the head at its own threshold and the refiner with what the model has learned.
+//! The method `mluc-full` equals the product: the head at its own threshold and the refiner with the layers of the model.
 
 use mluc_backbone::{Backbone, Precision};
 use mluc_evaluate::SensorDetection;
@@ -20,7 +20,7 @@ fn scans(folder: &Path) -> FrameSet {
     FrameSet::open(folder, None, usize::MAX).expect("frames")
 }
 
-/// An open head with weights by formula on a small map, and layers that judge clusters somehow.
+/// An open head with weights by formula on a small map, and arbitrary layers that judge clusters.
 fn model() -> Model {
     let grid = Grid::udi().within([-25.6, 25.6], [-25.6, 25.6]);
     let network = Network {
@@ -37,7 +37,7 @@ fn model() -> Model {
     Model::from_bytes(&bytes).expect("a model")
 }
 
-/// Scan by scan, as the stages do it.
+/// Runs scan by scan, as the stages do.
 fn product(model: &Model, set: &FrameSet) -> Vec<Vec<SensorDetection>> {
     let mut backbone = Backbone::new(&model.manifest, &model.weights).expect("a model");
     let mut head = Head::new(&model.manifest, &model.weights).expect("a model");

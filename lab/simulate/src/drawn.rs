@@ -1,22 +1,22 @@
-//! The sensor of a `sim-any` frame: a real product, or one that never was, and how it is mounted.
+//! The sensor of a `sim-any` frame: a real product or a random sensor, and its mounting.
 
 use super::sensor::{Motion, Sensor};
 use super::{mesh::v, place::ROBOT_M, random::Dice};
 use mluc_model::{SensorProfile, SensorUnit};
 
-/// Products that training never sees: thin, middle and dense, for the figures on sensors that are new to a network.
+/// Products that training never sees, with few, medium and many beams: for figures on sensors that are new to a network.
 const HELD_OUT: [&str; 3] = ["helios-16p", "pandar40p", "ruby-plus"];
 
-/// Rays of a drawn sensor's frame, at most: finer steps are coarsened to it.
+/// Maximum number of rays in a frame of a drawn sensor: finer azimuth steps are coarsened to it.
 const RAYS_MAX: f32 = 230_000.0;
 
-/// Columns of a frame, at most.
+/// Maximum number of columns in a frame.
 const COLUMNS_MAX: f32 = 4000.0;
 
-/// Elevations of a unit stray from its type's by about this, degrees.
+/// Standard deviation of a unit's elevations from the nominal values, degrees.
 pub(crate) const JITTER_DEG: f32 = 0.12;
 
-/// A product or a random sensor, mounted somewhere.
+/// A product or a random sensor, with a mounting.
 pub(crate) fn sensor(dice: &mut Dice) -> SensorProfile {
     let draw: fn(&mut Dice) -> SensorProfile = if dice.chance(0.6) { product } else { random };
     let mut profile = draw(dice);
@@ -40,15 +40,15 @@ pub(crate) fn sensor(dice: &mut Dice) -> SensorProfile {
     profile
 }
 
-/// Rays of a turn: beams, of all units, times columns.
+/// Rays of a turn: beams of all units times columns.
 pub fn rays(profile: &SensorProfile) -> f32 {
     let beams = profile.elevations_deg.len() * profile.units.len().max(1);
     let width_deg = profile.field_deg.map_or(360.0, |[_, width]| width);
     beams as f32 * width_deg / profile.azimuth_step_deg
 }
 
-/// Some sensors move while they turn (low ones, of robots, slowly), unless they are to stay: where they see their own vehicle, which would move with them.
-/// Some report second returns. Half of the drawn ones that see a sector sweep lines that wave: slowly and a little, as a raster of mirrors does, or across each other.
+/// Some sensors move while they turn (low ones, on robots, slowly), unless `stays`: where they see their own vehicle, which would move with them.
+/// Some report second returns. Half of the drawn sector sensors have waving lines: slow and small, as in a mirror raster, or crossing each other.
 pub(crate) fn in_use(
     sensor: &mut Sensor,
     is_drawn: bool,
@@ -73,7 +73,7 @@ pub(crate) fn in_use(
     }
 }
 
-/// How high it sits: on cars mostly, on small robots, on trucks.
+/// Height of the sensor: mostly on cars, also on small robots and on trucks.
 pub(crate) fn height_m(dice: &mut Dice) -> f32 {
     match dice.weighted(&[0.66, 0.2, 0.14]) {
         0 => dice.range(1.35, 2.2),
@@ -82,12 +82,12 @@ pub(crate) fn height_m(dice: &mut Dice) -> f32 {
     }
 }
 
-/// One of the products: thin, middle and dense ones as often as the other.
+/// One of the products, with fixed shares for few, medium and many beams.
 fn product(dice: &mut Dice) -> SensorProfile {
     let [low, high] = [[0, 16], [17, 47], [48, 256]][dice.weighted(&[0.3, 0.3, 0.4])];
     let profiles = SensorProfile::names().filter(|name| !HELD_OUT.contains(name));
     let profiles = profiles.filter_map(|name| SensorProfile::load(name).ok());
-    // Those that look up alone are mounted aslant, not as here. Sectors and waves are drawn by themselves.
+    // Sensors without downward beams are normally mounted tilted, which is not simulated. Sectors and waves are drawn separately.
     let looks_down = |p: &SensorProfile| p.elevations_deg.iter().any(|e| *e < -4.0);
     let spins = |p: &SensorProfile| p.field_deg.is_none() && p.wave.is_none();
     let fits = |p: &SensorProfile| {
@@ -97,7 +97,7 @@ fn product(dice: &mut Dice) -> SensorProfile {
     fitting.swap_remove(dice.whole(0, fitting.len() - 1))
 }
 
-/// Beams spread evenly, or denser about the horizon.
+/// Beams spread evenly, or denser near the horizon.
 fn random(dice: &mut Dice) -> SensorProfile {
     let beams = [dice.whole(8, 16), dice.whole(20, 48), dice.whole(56, 128)];
     let beams = beams[dice.weighted(&[0.35, 0.35, 0.3])];
@@ -123,7 +123,7 @@ fn random(dice: &mut Dice) -> SensorProfile {
     }
 }
 
-/// Some beams are gone: broken, or thinned out by a driver.
+/// Removes some beams: broken, or dropped by a driver.
 fn lose_beams(profile: &mut SensorProfile, dice: &mut Dice) {
     let share = dice.range(0.05, 0.3);
     let beams = profile.elevations_deg.iter();
@@ -141,7 +141,7 @@ fn lose_beams(profile: &mut SensorProfile, dice: &mut Dice) {
     }
 }
 
-/// One of several on a vehicle.
+/// One of several units on a vehicle.
 fn unit(dice: &mut Dice) -> SensorUnit {
     SensorUnit {
         at_m: [dice.spread(1.5), dice.spread(0.8), dice.spread(0.25)],

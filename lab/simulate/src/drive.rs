@@ -1,4 +1,4 @@
-//! Sequences: the scene of a frame seen again and again, a tenth of a second apart, while the sensor and some objects move.
+//! Sequences: the scene of a frame in several turns, a tenth of a second apart, while the sensor and some objects move.
 
 use super::mesh::{V3, v};
 use super::{Class, Turn};
@@ -6,16 +6,16 @@ use super::{footprint::Footprint, layout::Layout, objects::Habit, random::Dice};
 
 /// Time between two turns of the sensor, s.
 const PERIOD_S: f32 = 0.1;
-/// The ground ends 90 m ahead: the sensor drives no farther than this, m.
+/// The sensor's maximum way, m: the ground ends 90 m ahead.
 const WAY_MAX_M: f32 = 60.0;
-/// Margin that a moving thing keeps, m.
+/// Margin around a moving thing, m.
 const CLEAR_M: f32 = 0.3;
 
-/// Moves the objects to where they are at a turn. Returns where the sensor is then, in the sensor frame of turn 0, and its velocity (m/s); it keeps its heading and its height
-/// above the ground. All go straight ahead, at speeds such that in the whole sequence nothing runs into anything.
+/// Moves the objects to their position at a turn. Returns the sensor's position in the sensor frame of turn 0, and its velocity (m/s). Heading and
+/// height above the ground stay. All move straight ahead, at speeds that avoid any collision in the whole sequence.
 pub(crate) fn drive(layout: &mut Layout<'_>, turn: Turn, dice: &mut Dice) -> [V3; 2] {
     let (seconds, ground) = (PERIOD_S * turn.steps as f32, layout.ground);
-    // All that takes ground: the sensor's own vehicle, then the objects in their order, then the background.
+    // Everything that takes ground: the sensor's own vehicle, then the objects in their order, then the background.
     let (taken, mut swept) = (&layout.taken, layout.taken.clone());
     let mut clear_speed = |index: usize, yaw: f32, wanted_mps: f32| {
         let mut speeds = [1.0, 0.5, 0.25].into_iter().map(|share| wanted_mps * share);
@@ -57,9 +57,9 @@ pub(crate) fn drive(layout: &mut Layout<'_>, turn: Turn, dice: &mut Dice) -> [V3
     [at(step), (at(step) - at(step - 1.0)) / PERIOD_S]
 }
 
-/// All that a thing covers on its way straight ahead.
+/// The ground that a thing covers on its way straight ahead.
 fn along(start: &Footprint, yaw: f32, way_m: f32) -> Footprint {
-    // The sensor's vehicle heads along x of its frame but follows the road; the difference is a few degrees.
+    // The sensor's vehicle is aligned with x of its frame but follows the road; the difference is a few degrees.
     Footprint {
         x: start.x + 0.5 * way_m * yaw.cos(),
         y: start.y + 0.5 * way_m * yaw.sin(),

@@ -1,20 +1,20 @@
-//! The vehicle that carries the sensor, as far as the sensor sees it: its roof, deck or cab hides what lies behind. It moves with the sensor.
+//! The visible part of the vehicle that carries the sensor: its roof, deck or cab hides objects behind it. It moves with the sensor.
 
 use super::mesh::{METAL, Mesh, RUBBER, solid, up, v};
 use super::place::ROBOT_M;
 use super::{footprint::Footprint, ground::Ground, random::Dice};
 use mluc_model::SensorProfile;
 
-/// Without a body that is seen: a car's own ground and free space before it, m.
+/// Ground of a car without a visible body, with free space ahead of it, m.
 pub(crate) const CAR: Footprint = Footprint::ahead(0.5, [3.5, 1.3]);
-/// The same of a small robot, m.
+/// The same for a small robot, m.
 const ROBOT: Footprint = Footprint::ahead(0.2, [0.9, 0.6]);
-/// How often the sensor sees its own vehicle: a guess.
+/// Chance that the sensor sees its own vehicle: a guess.
 const SEEN: f32 = 0.45;
-/// Trucks from this height of the sensor, m.
+/// From this height of the sensor on the vehicle is a truck, m.
 const TRUCK_M: f32 = 2.2;
 
-/// The body in the sensor frame, empty when none is seen, and the ground that it takes.
+/// The body in the sensor frame, empty when it is not visible, and the ground that it takes.
 pub(crate) struct Ego {
     pub(crate) mesh: Mesh,
     pub(crate) footprint: Footprint,
@@ -25,11 +25,11 @@ impl Ego {
     pub(crate) fn draw(profile: &SensorProfile, ground: &Ground, dice: &mut Dice) -> Ego {
         let (mut mesh, height_m) = (Mesh::default(), -ground.height(0.0, 0.0));
         let footprint = if height_m < ROBOT_M { ROBOT } else { CAR };
-        // A profile that says what the body hides needs none.
+        // A profile with blind sectors already states what the body hides.
         if !profile.blind.is_empty() || !dice.chance(SEEN) {
             return Ego { mesh, footprint };
         }
-        // Several sensors are mounted around a body: it stays below the lowest.
+        // Several sensors are mounted around a body: it stays below the lowest sensor.
         let lowest_m = profile.units.iter().map(|u| u.at_m[2]).fold(0.0, f32::min);
         let is_one = profile.units.len() < 2;
         let below = |gap_m: f32| lowest_m - gap_m;
@@ -55,7 +55,7 @@ impl Ego {
     }
 }
 
-/// A deck or a box on wheels, perhaps with something on it behind the sensor.
+/// A deck or a box on wheels, sometimes with a load behind the sensor.
 fn robot(mesh: &mut Mesh, height_m: f32, top: f32, is_one: bool, dice: &mut Dice) {
     let paint = solid(dice.range(0.08, 0.6));
     let size = dice.size([0.4, 1.1], [0.35, 0.75], [0.12, 0.5]);
@@ -76,7 +76,7 @@ fn robot(mesh: &mut Mesh, height_m: f32, top: f32, is_one: bool, dice: &mut Dice
     }
 }
 
-/// Hull, cabin and perhaps bars: the sensor is on the roof, or over the bonnet.
+/// Hull, cabin and sometimes bars: the sensor is on the roof, or over the bonnet.
 fn car(mesh: &mut Mesh, height_m: f32, top: f32, dice: &mut Dice) {
     let paint = solid(dice.range(0.06, 0.7));
     let roof = top.min(1.9 - height_m);
@@ -99,7 +99,7 @@ fn car(mesh: &mut Mesh, height_m: f32, top: f32, dice: &mut Dice) {
     }
 }
 
-/// A cab below the sensor with the cargo box behind it, or all of the truck beside the sensor.
+/// A cab below the sensor with the cargo box behind it, or the whole truck next to the sensor.
 fn truck(mesh: &mut Mesh, height_m: f32, mut top: f32, has_box: bool, dice: &mut Dice) {
     let paint = solid(dice.range(0.1, 0.7));
     let width = dice.range(2.2, 2.5);
@@ -123,7 +123,7 @@ fn truck(mesh: &mut Mesh, height_m: f32, mut top: f32, has_box: bool, dice: &mut
     }
 }
 
-/// A thin rod beside the sensor: an antenna, a camera's post.
+/// A thin rod next to the sensor: an antenna, a camera's post.
 fn mast(mesh: &mut Mesh, height_m: f32, dice: &mut Dice) {
     let (sin, cos) = dice.spread(std::f32::consts::PI).sin_cos();
     let away = dice.range(0.15, 0.6);

@@ -1,6 +1,6 @@
 //! Writing simulated frames as a KITTI-format folder.
 //!
-//! `velodyne/*.bin` (x, y, z, intensity as little-endian f32), `label_2/*.txt`, `calib/*.txt`, `planes/*.txt`, `instances/*.u16` (little-endian, one a point)
+//! `velodyne/*.bin` (x, y, z, intensity as little-endian f32), `label_2/*.txt`, `calib/*.txt`, `planes/*.txt`, `instances/*.u16` (little-endian, one per point)
 //! and `ImageSets/SPLIT.txt`; sequences also `poses.txt` (x, y, z, yaw of the sensor in the frame of the sequence's first scan) and `timestamps.txt`.
 
 use super::{Class, Family, SimulateError, SimulatedFrame, SimulatedObject, Split};
@@ -70,7 +70,7 @@ pub struct ExportOptions {
 }
 
 impl ExportOptions {
-    /// Scenes of their own with every step of realism.
+    /// Options for separate scenes with every step of realism.
     pub fn new(family: Family, split: Split, frames: u32, seed: u64, folder: PathBuf) -> Self {
         let [family, split] = [family.name(), split.name()];
         let words = format!(
@@ -81,7 +81,7 @@ impl ExportOptions {
         ExportOptions { folder, ..options }
     }
 
-    /// Refuses what cannot be simulated, and a folder that holds anything unless the export is to be gone on with. Nothing is written.
+    /// Rejects options that cannot be simulated, and a folder that is not empty unless the export is resumed. Writes nothing.
     pub fn check(&self) -> Result<(), DatasetError> {
         let split = self.split.name();
         if self.synthetic_unknown && self.split != Split::Train {
@@ -108,7 +108,7 @@ impl ExportOptions {
         }
         for sensor in self.sensor.iter().chain(self.scanned_by.as_deref()) {
             let rays = rays(sensor);
-            // An estimated step may be half a percent too small.
+            // An estimated azimuth step may be half a percent too small.
             if rays > 1.01 * POINTS_MAX as f32 {
                 let place = format!("sensor {}", sensor.name);
                 let expected = format!("at most {POINTS_MAX} rays a scan (beams x columns)");
@@ -130,19 +130,19 @@ impl ExportOptions {
         Ok(())
     }
 
-    /// Whether this kind of background stands in the scenes.
+    /// Whether the scenes have this kind of background.
     pub fn has(&self, step: Step) -> bool {
         !self.without.contains(&step)
     }
 
-    /// Classes that are known beside the family's, each once.
+    /// Known classes in addition to the family's, each once.
     pub(crate) fn also_known(&self) -> impl Iterator<Item = Class> {
         let of_family = self.family.known_classes();
         let is_also = |class: &Class| self.known.contains(class) && !of_family.contains(class);
         Class::REAL.into_iter().filter(is_also)
     }
 
-    /// The frames of the part, or all.
+    /// The frames of the part, or all frames.
     pub fn indices(&self) -> Vec<u32> {
         let [index, count] = self.shard.unwrap_or([0, 1]);
         (index..self.frames).step_by(count as usize).collect()
@@ -157,7 +157,7 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
     make_folders(&options.folder, &parts.collect::<Vec<_>>())?;
     let calibration = calibration(options.family)?;
     let one = |index| {
-        // The last of a frame's files, and those that a power cut leaves empty.
+        // A frame is complete when its last file exists and these files are not empty, which a power cut can cause.
         let has = |file: &str| {
             let path = options.folder.join(file);
             std::fs::metadata(path).is_ok_and(|file| file.len() > 0)
@@ -188,7 +188,7 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
     Ok(write_file(&list, names.as_bytes())?)
 }
 
-/// Poses and stamps of sequences. Another sequence is another place: it lies a kilometre further, so that nothing is found again.
+/// Poses and time stamps of sequences. Each sequence is another place, one kilometre further, so that no place is visited twice.
 fn write_poses(options: &ExportOptions, poses: &[[f64; 3]]) -> Result<(), DatasetError> {
     let Some(steps) = options.sequence else {
         return Ok(());
@@ -214,7 +214,7 @@ fn write_frame(
 ) -> Result<(), DatasetError> {
     let label = |object: &SimulatedObject| {
         let mut label = label_of(object, options.family, calibration);
-        // Another sequence is another place, with other objects.
+        // Another sequence has other objects.
         let scene = options.sequence.map(|steps| index / steps);
         label.track = scene.map(|scene| scene * OBJECTS_MAX + object.number);
         format!("{label}\n")
@@ -241,7 +241,7 @@ fn write_frame(
     Ok(())
 }
 
-/// More objects than a scene has.
+/// Upper bound on the number of objects in a scene.
 const OBJECTS_MAX: u32 = 1000;
 
 /// The label line of an object.
@@ -274,7 +274,7 @@ fn calibration_text(calibration: &Calibration) -> String {
 
 /// The ground plane in the camera frame, in the layout of the road planes published for KITTI.
 fn plane_text(calibration: &Calibration, [a, b, c, d]: [f64; 4]) -> String {
-    // The ends of the normal, carried to the camera frame. It has the length 1 in f32 alone.
+    // The ends of the normal, transformed to the camera frame. The normal has length 1 only to f32 precision.
     let [origin, tip] = [[0.0; 3], [a, b, c]].map(|p| calibration.rect_from_sensor(p));
     let [x, y, z] = [0, 1, 2].map(|i| tip[i] - origin[i]);
     let offset = d - (x * origin[0] + y * origin[1] + z * origin[2]);

@@ -1,4 +1,4 @@
-//! Oriented rectangles on the ground: what stands where, and whether two things would stand in each other.
+//! Oriented rectangles on the ground: the ground that things take, and whether two things overlap.
 
 use super::mesh::V3;
 
@@ -12,13 +12,13 @@ pub(crate) struct Footprint {
 }
 
 impl Footprint {
-    /// Of what heads along x, its middle at `x`.
+    /// Footprint of a thing that is aligned with x, its middle at `x`.
     pub(crate) const fn ahead(x: f32, half: [f32; 2]) -> Footprint {
         let (y, yaw) = (0.0, 0.0);
         Footprint { x, y, yaw, half }
     }
 
-    /// Of a thing with these lowest and highest corners, whose origin stands at `at`.
+    /// Footprint of a thing with these lowest and highest corners, with its origin at `at`.
     pub(crate) fn of(low: V3, high: V3, at: [f32; 2], yaw: f32) -> Footprint {
         let middle = (low + high) / 2.0;
         let (sin, cos) = yaw.sin_cos();
@@ -30,7 +30,7 @@ impl Footprint {
         }
     }
 
-    /// Whether two rectangles come closer than `margin_m` to overlapping (separating axes).
+    /// Whether two rectangles overlap or are closer than `margin_m` (separating axes).
     pub(crate) fn overlaps(&self, other: &Footprint, margin_m: f32) -> bool {
         let d = [other.x - self.x, other.y - self.y];
         let [reach, other_reach] = [self, other].map(|f| f.half[0].hypot(f.half[1]));
@@ -42,7 +42,7 @@ impl Footprint {
             [[cos, sin], [-sin, cos]]
         };
         let dot = |a: [f32; 2], b: [f32; 2]| a[0] * b[0] + a[1] * b[1];
-        // How far a rectangle reaches along a direction.
+        // Half extent of a rectangle along a direction.
         let radius = |f: &Footprint, n: [f32; 2]| {
             let [along, across] = axes(f);
             f.half[0] * dot(along, n).abs() + f.half[1] * dot(across, n).abs()

@@ -1,14 +1,14 @@
 //! The ground: a road with crown and kerbs, pavements, banks, slope and waves, as a height function and as triangles.
 //!
-//! Two frames meet here. Sensor frame: x forward, y left, z up, the sensor at the origin. Road frame: u along the road, v to its left from its middle;
-//! the sensor stands at u = 0, v = `lane_m`.
+//! Two frames are used here. Sensor frame: x forward, y left, z up, the sensor at the origin. Road frame: u along the road, v to its left from its
+//! middle; the sensor is at u = 0, v = `lane_m`.
 
 use super::mesh::{Mesh, V3, solid, v};
 use super::place::{Room, besides_streets};
 use super::{Family, random::Dice, sensor::HEIGHT_M};
 use std::f32::consts::TAU;
 
-/// What kind of place the scene is.
+/// Kind of place of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Place {
     /// Houses close to the road, parked rows.
@@ -30,7 +30,7 @@ pub(crate) enum Place {
 }
 
 impl Place {
-    /// Half of the width that is driven on, where it is not a road's, m.
+    /// Range of half the drivable width where the place is no road, m.
     fn half_width_m(self) -> Option<[f32; 2]> {
         match self {
             Place::Plaza => Some([14.0, 26.0]),
@@ -41,7 +41,7 @@ impl Place {
         }
     }
 
-    /// Whether it has kerbs and pavements.
+    /// Whether the place has kerbs and pavements.
     pub(crate) fn is_street(self) -> bool {
         matches!(self, Place::Urban | Place::Suburb | Place::Industrial)
     }
@@ -52,13 +52,13 @@ pub(crate) struct Ground {
     pub(crate) place: Place,
     /// Heading of the road in the sensor frame, rad.
     pub(crate) yaw_rad: f32,
-    /// Where the sensor stands across the road, m.
+    /// Position of the sensor across the road, m.
     pub(crate) lane_m: f32,
     /// Half the carriageway, m.
     pub(crate) half_width_m: f32,
     /// From the middle of the road to the frontage, m.
     pub(crate) edge_m: f32,
-    /// A crossing road: where, and half its width, m.
+    /// A crossing road: its position along the road, and half its width, m.
     pub(crate) crossing: Option<[f32; 2]>,
     /// Walls and a ceiling around the sensor.
     pub(crate) room: Option<Room>,
@@ -68,11 +68,11 @@ pub(crate) struct Ground {
     slope: [f32; 2],
     waves: [[f32; 4]; 4],
     sensor_height_m: f32,
-    /// How rough the ground is on the road and beside it, m.
+    /// Roughness of the ground on the road and next to it, m.
     rough_m: [f32; 2],
-    /// Objects tilt by no more than this slope along an axis.
+    /// Maximum slope of an object along an axis.
     steepest: f32,
-    /// Beside a crossing road banks begin over this length, m.
+    /// Distance from a crossing road over which banks rise to their full height, m.
     ramp_m: f32,
 }
 
@@ -88,10 +88,10 @@ fn wave(factor: f32, dice: &mut Dice) -> [f32; 4] {
 /// Rise to the front and to the left of the sensor.
 fn slope(family: Family, dice: &mut Dice) -> [f32; 2] {
     match family {
-        // The bottoms of KITTI's labels rise by 8 mm a metre: its sensor looks down by half a degree.
+        // The bottoms of KITTI's labels rise by 8 mm per metre: its sensor is pitched down by half a degree.
         Family::SimKitti => [dice.normal(0.008, 0.007), dice.normal(0.0, 0.008)],
         Family::SimUdi => [dice.normal(0.0, 0.009), dice.normal(0.0, 0.009)],
-        // The ground tilts against the sensor as a mount does: most by less than a degree, some by up to three.
+        // The ground tilts relative to the sensor, as with a tilted mount: mostly by less than a degree, sometimes by up to three.
         Family::SimAny if dice.chance(0.2) => [dice.spread(0.05), dice.spread(0.05)],
         Family::SimAny => [dice.normal(0.004, 0.013), dice.normal(0.0, 0.013)],
     }
@@ -117,7 +117,7 @@ impl Ground {
         } else if let Some([low, high]) = place.half_width_m() {
             dice.range(low, high)
         } else if family != Family::SimUdi && dice.chance(0.6) {
-            // Many residential streets are narrow: KITTI drove through such.
+            // Many residential streets are narrow, also in KITTI.
             dice.range(2.8, 4.5)
         } else {
             dice.range(3.2, 7.5)
@@ -163,7 +163,7 @@ impl Ground {
         ground
     }
 
-    /// Floors are flat, rough ground has larger waves, and what lies beside a street often rises.
+    /// Floors are flat, rough ground has larger waves, and the ground next to a street often rises.
     fn vary(&mut self, dice: &mut Dice) {
         self.steepest = 0.12;
         self.ramp_m = 12.0;
@@ -194,7 +194,7 @@ impl Ground {
             under[1] += *height * *ky * phase.cos();
         }
         if scale > 1.0 {
-            // The vehicle stands on the slope too, and its sensor with it.
+            // The vehicle and its sensor tilt with the slope below them.
             for (slope, under) in self.slope.iter_mut().zip(under) {
                 *slope -= 0.85 * under;
             }
@@ -289,7 +289,7 @@ impl Ground {
         mesh
     }
 
-    /// Plane through the ground below `at`, as (normal, offset) with normal . p + offset = 0, p from `at`.
+    /// Plane through the ground below `at`, as (normal, offset) with normal . p + offset = 0; p is relative to `at`.
     pub(crate) fn plane(&self, at: V3) -> (V3, f32) {
         let (gx, gy) = self.gradient(at.x, at.y);
         let normal = v(-gx, -gy, 1.0).normalize();
@@ -297,7 +297,7 @@ impl Ground {
     }
 }
 
-/// Grid lines from low to high, dense about the middle.
+/// Grid lines from low to high, dense near the middle.
 fn lines(low: f32, high: f32, middle: f32) -> Vec<f32> {
     let mut result = vec![middle];
     for (limit, sign) in [(high - middle, 1.0), (middle - low, -1.0)] {

@@ -7,10 +7,10 @@ use super::{mesh::V3, sensor::Sensor};
 use mluc_geometry::{Calibration, CalibrationError, ImageSize, pixel_bounds};
 use std::f32::consts::PI;
 
-/// An object that got no label, because no ray ended on it, or the sensor's own vehicle.
+/// Instance of an object without a label (no ray ended on it) and of the sensor's own vehicle.
 pub(crate) const UNLABELLED: u16 = 0x7FFF;
 
-/// Calibration of a family: `sim-kitti` looks through a camera like KITTI's left colour camera, `sim-udi` has none.
+/// Calibration of a family: `sim-kitti` has a camera like KITTI's left colour camera, the other families have none.
 pub(crate) fn calibration(family: Family) -> Result<Calibration, CalibrationError> {
     if family != Family::SimKitti {
         return Ok(Calibration::without_camera());
@@ -24,7 +24,7 @@ pub(crate) fn calibration(family: Family) -> Result<Calibration, CalibrationErro
     Calibration::new(p2, identity, camera_from_sensor())
 }
 
-/// The camera hangs 8 cm below and 27 cm before the sensor and is turned against it by a fraction of a degree about each axis.
+/// The camera is 8 cm below and 27 cm ahead of the sensor and is rotated by a fraction of a degree about each axis.
 fn camera_from_sensor() -> [[f64; 4]; 3] {
     let [roll, pitch, yaw] = [0.4f64, -0.7, 0.5].map(|angle| angle.to_radians().sin_cos());
     let ((sr, cr), (sp, cp), (sy, cy)) = (roll, pitch, yaw);
@@ -39,7 +39,7 @@ fn camera_from_sensor() -> [[f64; 4]; 3] {
     ]
 }
 
-/// Labels every object that holds a point and that a ray ended on; renumbers the instances to match.
+/// Labels every object that has a point in its box and that a ray ended on; renumbers the instances to match.
 pub(crate) fn label(
     calibration: &Calibration,
     sensor: &Sensor,
@@ -90,7 +90,7 @@ pub(crate) fn label(
     })
 }
 
-/// Rays that ended on the object over rays that would if it stood alone.
+/// Number of rays that ended on the object, divided by the number that would end on it if it stood alone.
 fn visibility(
     sensor: &Sensor,
     scene: &Scene,
@@ -122,7 +122,7 @@ fn visibility(
     Ok(if possible == 0 { 0.0 } else { share })
 }
 
-/// The part of the sphere of directions that an object can be in, with a margin.
+/// The range of directions of an object, with a margin.
 struct Window {
     middle: [f32; 2],
     cos_half: f32,
@@ -141,7 +141,7 @@ impl Window {
             (low, high) = (low.min(p.z / flat), high.max(p.z / flat));
         }
         let half_rad = cos_half.clamp(-1.0, 1.0).acos() + 0.01 + margin_rad;
-        // The lower block of an HDL-64E starts 4 cm lower, which matters near by: a margin of 2 degrees covers it.
+        // The lower block of an HDL-64E is 4 cm lower, which matters at close range: a margin of 2 degrees covers it.
         let margin = 0.035 + 1.5 * margin_rad;
         Window {
             middle,
@@ -159,8 +159,8 @@ impl Window {
     }
 }
 
-/// Rectangle around the projected vertices, clipped to the image, and the share of it that was cut off. Without a camera the rectangle that the evaluation
-/// of camera-less data expects; outside of the image nothing, fully truncated.
+/// Rectangle around the projected vertices, clipped to the image, and the truncated share. Without a camera: the rectangle that the evaluation
+/// of camera-less data expects. Outside the image: all 0, fully truncated.
 fn image_box(calibration: &Calibration, vertices: &[V3]) -> ([f64; 4], f64) {
     if !calibration.has_camera() {
         return ([0.0, 0.0, 100.0, 100.0], 0.0);

@@ -1,7 +1,7 @@
-//! Where the labelled objects of a scene stand.
+//! Positions of the labelled objects of a scene.
 //!
-//! The range of each object is drawn first, from the range distribution of KITTI's labels of its class; the place across the road follows from what such
-//! objects do (lanes, kerb, parking lots, pavements), and the place along the road from both. Objects never overlap.
+//! The range of each object is drawn first, from the range distribution of KITTI's labels of its class. The position across the road follows from the
+//! usual places of such objects (lanes, kerb, parking lots, pavements), and the position along the road from both. Objects never overlap.
 
 pub(crate) mod places;
 
@@ -12,14 +12,14 @@ use super::{Class, ExportOptions, Family, Split, Unseen};
 use super::{footprint::Footprint, random::Dice};
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
-/// An object in the scene: its model, and where it stands in the sensor frame.
+/// An object in the scene: its model, and its footprint in the sensor frame.
 pub(crate) struct Placed {
     pub(crate) class: Class,
     pub(crate) model: Model,
     pub(crate) footprint: Footprint,
 }
 
-/// Everything that takes ground, and the objects among it.
+/// Everything that takes ground, and the labelled objects among it.
 pub(crate) struct Layout<'a> {
     pub(crate) options: &'a ExportOptions,
     pub(crate) ground: &'a Ground,
@@ -30,13 +30,13 @@ pub(crate) struct Layout<'a> {
 /// x, y (m) and heading (rad) in the sensor frame.
 type Pose = (f32, f32, f32);
 
-/// Synthetic unknown objects of a frame, at most: many more than there are unknown ones, so that each frame teaches more.
+/// Maximum number of synthetic unknown objects in a frame: many more than real unknown objects, so that each frame teaches more.
 const SYNTHETIC_UNKNOWN_MAX: usize = 4;
-/// Objects of a class that is known beside the family's, a frame on average.
+/// Mean number of objects per frame of each class that is known in addition to the family's classes.
 const ALSO_KNOWN: f32 = 2.0;
-/// Of a car of `sim-any` to drive in the sensor's lane.
+/// Chance that a car of `sim-any` drives in the sensor's lane.
 const OWN_LANE_CHANCE: f32 = 0.15;
-/// Of a car of `sim-any`'s training scans to stand in a row of bays at the kerb.
+/// Chance that a car of `sim-any`'s training scans is in a row of parking bays at the kerb.
 const KERB_BAY_CHANCE: f32 = 0.2;
 const ATTEMPTS: usize = 48;
 const ATTEMPTS_PER_RANGE: usize = 16;
@@ -78,7 +78,7 @@ pub(crate) fn place_objects<'a>(
     }
     let knowns = [Class::Car, Class::Pedestrian, Class::Cyclist, Class::Truck];
     wanted.extend((0..count).map(|_| knowns[dice.weighted(&weights)]));
-    // Long and rare things first: they find no room later.
+    // Long and rare objects first: later there is no room for them.
     wanted.sort_by_key(|class| match class {
         Class::Truck => 0,
         Class::Cyclist | Class::Pedestrian => 2,
@@ -99,7 +99,7 @@ impl Layout<'_> {
         let family = self.options.family;
         let mut model = build(class, family, dice);
         if class == Class::SyntheticUnknown {
-            // Not of the size of what is known beside the family's classes either.
+            // Its size must also differ from the classes that are known in addition to the family's.
             let sizes = self.options.also_known().map(|c| mean_size_m(c, family));
             let sizes: Vec<_> = sizes.map(|m| m.to_array().map(f64::from)).collect();
             let size = |m: &Model| m.size_m().to_array().map(f64::from);
@@ -116,10 +116,10 @@ impl Layout<'_> {
         model
     }
 
-    /// Places one object and perhaps company of its class (a row of cars, a group of people), at most `limit`; returns how many.
+    /// Places one object, sometimes with more of its class (a row of cars, a group of people), at most `limit`; returns their number.
     fn place_some(&mut self, class: Class, limit: usize, dice: &mut Dice) -> usize {
         let model = self.model(class, dice);
-        // A range is given up only after many places at it: else near ranges, where less fits, would grow rare.
+        // A new range is drawn only after many positions at the old one: else near ranges, where fewer objects fit, would become rare.
         let mut range = 0.0;
         let Some(pose) = (0..ATTEMPTS).find_map(|attempt| {
             if attempt % ATTEMPTS_PER_RANGE == 0 {
@@ -136,7 +136,7 @@ impl Layout<'_> {
         let (family, split) = (self.options.family, self.options.split);
         let is_across = self.is_across(pose.2);
         let company = match class {
-            // Rows stand in bays; who drives through a lane is alone.
+            // Rows are in bays; a car that drives through a lane is alone.
             Class::Car if self.ground.place == Place::CarPark && !is_across => 0,
             Class::Car if self.ground.place == Place::CarPark => dice.whole(0, 6),
             Class::Car if is_across && (family, split) == (Family::SimAny, Split::Train) => {
@@ -159,12 +159,12 @@ impl Layout<'_> {
         count
     }
 
-    /// Whether this heading is rather across the road than along it.
+    /// Whether this heading is more across the road than along it.
     fn is_across(&self, yaw: f32) -> bool {
         (yaw - self.ground.yaw_rad).sin().abs() > 0.5
     }
 
-    /// The next place in a row of cars (along the road or side by side), or next to a person.
+    /// The next position in a row of cars (along the road or side by side), or next to a person.
     fn beside(&self, class: Class, last: (Pose, f32), length: f32, dice: &mut Dice) -> Pose {
         let ((x, y, yaw), last_length) = last;
         if class == Class::Pedestrian {
@@ -185,7 +185,7 @@ impl Layout<'_> {
             (length + last_length) / 2.0 + dice.range(0.5, 1.6)
         };
         let (sin, cos) = self.ground.yaw_rad.sin_cos();
-        // Rows that begin far away come nearer, so that they stay in view.
+        // Rows that start far away continue towards the sensor, so that they stay in view.
         let away = x * cos + y * sin > 28.0;
         let step = if away { -step } else { step };
         let yaw = yaw + half_turn(dice.chance(0.15)) + dice.normal(0.0, 0.02);
@@ -206,13 +206,13 @@ impl Layout<'_> {
         let (x, y, yaw) = pose;
         let inside = match self.options.family {
             Family::SimUdi => x.abs() < 50.0 && y.abs() < 50.0,
-            // As far as the network looks; the trainer mirrors what is ahead.
+            // The limit of the network's range; the trainer mirrors objects ahead.
             Family::SimAny => {
                 let is_train = self.options.split == Split::Train;
                 let behind_m = if is_train { 69.0 } else { 50.0 };
                 x > -behind_m && x < 69.0 && y.abs() < 50.0
             }
-            // Outside of the camera's view only now and then.
+            // Outside the camera's view only sometimes.
             Family::SimKitti => {
                 x > 2.0 && x < 69.5 && y.abs() < 39.0 && (y.abs() < 0.8 * x || dice.chance(0.3))
             }
@@ -222,7 +222,7 @@ impl Layout<'_> {
         inside && self.has_room(model, pose) && !taken.any(|other| own.overlaps(other, 0.25))
     }
 
-    /// Draws where an object of this class could be at this range; None when the range does not reach the place across the road.
+    /// Draws a position for an object of this class at this range; `None` when the range does not reach the position across the road.
     fn pose(&self, class: Class, range: f32, dice: &mut Dice) -> Option<Pose> {
         if self.ground.place == Place::Plaza && dice.chance(0.7) {
             return Some(self.anywhere(class, range, dice));
@@ -239,7 +239,7 @@ impl Layout<'_> {
         }
     }
 
-    /// A pose at this place across the road and this range; `yaw` is relative to the road.
+    /// A pose at this position across the road and this range; `yaw` is relative to the road.
     fn at(&self, across: f32, range: f32, yaw: f32, dice: &mut Dice) -> Option<Pose> {
         let w = across - self.ground.lane_m;
         let along = (range * range - w * w).max(0.0).sqrt();
@@ -258,13 +258,13 @@ impl Layout<'_> {
         let g = self.ground;
         let is_car = self.options.family == Family::SimAny && class == Class::Car;
         if is_car && dice.chance(OWN_LANE_CHANCE) {
-            // Who drives ahead is seen from behind alone, who follows from ahead.
+            // Of a car ahead the sensor sees only the rear, of a car behind only the front.
             let across = g.lane_m + dice.normal(0.0, 0.25);
             return self.at(across, range, dice.normal(0.0, 0.03), dice);
         }
         let side = dice.sign();
         if is_car && self.options.split == Split::Train && dice.chance(KERB_BAY_CHANCE) {
-            // Of most cars of such a row a front or a rear alone is seen, at a flat angle.
+            // Of most cars in such a row the sensor sees only the front or the rear, at a flat angle.
             let slant = if dice.chance(0.7) {
                 FRAC_PI_2
             } else {
@@ -362,12 +362,12 @@ impl Layout<'_> {
     }
 }
 
-/// A heading against the road, rad: turned around or along.
+/// A heading relative to the road, rad: reversed or along it.
 pub(crate) fn half_turn(around: bool) -> f32 {
     if around { PI } else { 0.0 }
 }
 
-/// Shares of the knots below.
+/// Shares of the range knots below.
 const RANGE_SHARES: [f32; 7] = [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0];
 
 /// Distribution of the distance of KITTI's labels (percentiles of the public training labels), m.

@@ -1,10 +1,10 @@
 //! Simulated scans of an HDL-64E with labels: a pure function from (family, split, seed, frame) to points and boxes.
 //!
-//! A frame is laid out (`ground`, `layout`, `background`), flattened into one triangle mesh (`scene`), scanned ray by ray (`scan`, `sensor`) and labelled
-//! (`labels`). All randomness is hashed from its key, so the bits do not depend on threads or on other frames. Sizes and ranges of objects follow published
-//! statistics of KITTI's labels; nothing of its data is used.
+//! A frame is laid out (`ground`, `layout`, `background`), merged into one triangle mesh (`scene`), scanned ray by ray (`scan`, `sensor`) and labelled
+//! (`labels`). All randomness is a hash of its key, so the bits do not depend on threads or on other frames. Sizes and ranges of objects follow
+//! published statistics of KITTI's labels; none of KITTI's data is used.
 //!
-//! `sim-any` also moves some sensors while they turn, gives some of them second returns, and has rain. Left out: snow, fog, and a physical model of intensity.
+//! `sim-any` also moves some sensors while they turn, gives some of them second returns, and has rain. Not simulated: snow, fog, physical intensity.
 
 mod background;
 mod drawn;
@@ -36,16 +36,16 @@ use mluc_model::SensorProfile;
 use random::Dice;
 use std::path::PathBuf;
 
-/// What can go wrong while simulating or writing.
+/// Errors while simulating or writing.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulateError {
-    /// A frame whose scene cannot be searched by the ray caster, and why.
+    /// A frame whose scene the ray caster cannot use, and why.
     #[error("frame {0}: the scene's mesh cannot be built: {1}")]
     Mesh(u32, String),
-    /// The family's own calibration is refused.
+    /// The family's own calibration is not valid.
     #[error("the simulator's calibration is not valid: {0}")]
     Calibration(#[from] CalibrationError),
-    /// The output folder, or what was asked to be in it.
+    /// The output folder, or the options, are not valid.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
 }
@@ -70,7 +70,7 @@ impl Family {
         ["sim-udi", "sim-kitti", "sim-any"][self as usize]
     }
 
-    /// Classes that training shows.
+    /// Classes in training scans.
     pub fn known_classes(self) -> &'static [Class] {
         match self {
             Family::SimUdi => &[Class::Car, Class::Pedestrian, Class::Cyclist, Class::Truck],
@@ -78,7 +78,7 @@ impl Family {
         }
     }
 
-    /// Classes that training never shows.
+    /// Classes that are never in training scans.
     pub fn unknown_classes(self) -> &'static [Class] {
         match self {
             Family::SimUdi => &[Class::GolfCart, Class::Forklift],
@@ -126,24 +126,24 @@ pub enum Class {
     GolfCart,
     /// Forklift.
     Forklift,
-    /// One of `unseen.toml`: never in training.
+    /// A class of `unseen.toml`: never in training.
     Unseen(Unseen),
-    /// Made of known objects to stand for an unknown one: for training alone.
+    /// Made of known objects in place of an unknown one: only for training.
     SyntheticUnknown,
 }
 
-/// An unseen class, which stands in one split alone, validation or test.
+/// An unseen class, which occurs in only one split, validation or test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Unseen(u8);
 
 impl Class {
-    /// What stands for itself and can be known: all but unseen classes and synthetic unknown objects.
+    /// Classes that can be known: all except unseen classes and synthetic unknown objects.
     pub const REAL: [Class; 7] = {
         use Class::*;
         [Car, Van, Truck, Pedestrian, Cyclist, GolfCart, Forklift]
     };
 
-    /// Name in label files.
+    /// The name in label files.
     pub fn name(self) -> &'static str {
         match self {
             Class::Car => "Car",
@@ -180,19 +180,19 @@ impl std::str::FromStr for Class {
 /// A labelled object of a simulated frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimulatedObject {
-    /// What it is.
+    /// Its class.
     pub class: Class,
     /// Its box in the sensor frame.
     pub box_in_sensor: Box3,
-    /// Rays that hit it over rays that would hit it if it stood alone, 0..1.
+    /// Number of rays that hit it divided by the number that would hit it if it stood alone, 0..1.
     pub visibility: f32,
-    /// Points of the scan inside the box, whatever they lie on.
+    /// Points of the scan inside the box, on any surface.
     pub points: u32,
-    /// Left, top, right, bottom of the object's triangles in the image, px, clipped; all 0 outside of it. Without a camera 0 0 100 100.
+    /// Left, top, right, bottom of the object's triangles in the image, px, clipped; all 0 outside the image. Without a camera 0 0 100 100.
     pub image_box_px: [f64; 4],
-    /// Part of the projected rectangle outside the image, 0..1.
+    /// Share of the projected rectangle outside the image, 0..1.
     pub truncated: f64,
-    /// Which object of the scene: the same in all frames of a sequence.
+    /// Number of the object in the scene: the same in all frames of a sequence.
     pub number: u32,
 }
 
@@ -212,28 +212,28 @@ impl SimulatedObject {
 pub struct SimulatedFrame {
     /// x, y, z (m, sensor frame), intensity 0..1; beam by beam from the top.
     pub points: Vec<[f32; 4]>,
-    /// Labelled objects: each holds at least one point.
+    /// Labelled objects: each has at least one point.
     pub objects: Vec<SimulatedObject>,
-    /// For each point what it lies on: 0 ground, n the n-th object (from 1), 0x8000 and above background, 0x7FFF an object without a label. Diagnostics only.
+    /// Surface of each point: 0 ground, n the n-th object (from 1), 0x8000 and above background, 0x7FFF an object without a label. Only for diagnostics.
     pub instances: Vec<u16>,
-    /// Of each point, s after the turn's end.
+    /// Time of each point, s after the turn's end.
     pub times_s: Vec<f32>,
     /// Ground at the sensor: a, b, c, d with a x + b y + c z + d = 0, (a, b, c) upward of length 1, sensor frame.
     pub plane: [f64; 4],
 }
 
-/// Where in a sequence a frame stands: the scene of one frame, through which the sensor drives while half of the objects move.
+/// Position of a frame in a sequence: the scene of one frame, through which the sensor drives while half of the objects move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Turn {
-    /// From 0, a tenth of a second apart.
+    /// Index of the turn, from 0, a tenth of a second apart.
     step: u32,
-    /// Frames of the sequence.
+    /// Number of frames of the sequence.
     steps: u32,
     /// Whether the sensor moves while it turns.
     moves: bool,
 }
 
-/// Simulates one frame, by the family's sensor where no other is given. Pure: the same arguments give the same bits, whatever was simulated before.
+/// Simulates one frame, with the family's sensor where `sensor` is `None`. Pure: the same arguments give the same bits, whatever was simulated before.
 pub fn frame(
     family: Family,
     split: Split,
@@ -246,10 +246,10 @@ pub fn frame(
     Ok(simulated(&ExportOptions { sensor, ..options }, index)?.0)
 }
 
-/// A frame, and where the sensor is in the sensor frame of the sequence's first (x, y, z, m; its heading stays).
+/// A frame, and the sensor's position in the sensor frame of the sequence's first frame (x, y, z, m; its heading stays).
 type Shown = (SimulatedFrame, [f64; 3]);
 
-/// The frame of this number in the data set. Its sensor is mounted, and scans unless `scanned_by` takes its place.
+/// The frame of this number in the data set. Its own sensor is mounted, and scans unless `scanned_by` replaces it.
 fn simulated(options: &ExportOptions, number: u32) -> Result<Shown, SimulateError> {
     let (family, split, seed) = (options.family, options.split, options.seed);
     let turn = options.sequence.map(|steps| Turn {
@@ -257,7 +257,7 @@ fn simulated(options: &ExportOptions, number: u32) -> Result<Shown, SimulateErro
         steps,
         moves: options.moving,
     });
-    // Of the scene.
+    // Index of the scene.
     let index = number / options.sequence.unwrap_or(1);
     let (sensor, by) = (options.sensor.as_ref(), options.scanned_by.as_deref());
     let key = random::hash(&[seed, family as u64, split as u64, u64::from(index)]);
@@ -298,14 +298,14 @@ fn simulated(options: &ExportOptions, number: u32) -> Result<Shown, SimulateErro
             yaw_rate_radps: 0.0,
             labels_at_end: true,
         });
-        // Its beams stay, the noise of its rays is another.
+        // The sensor keeps its beams, but the noise of its rays changes.
         sensor.key = random::hash(&[sensor.key, turn.step.into()]);
     }
     let mut solids = scene.add_objects(&ground, &layout.placed);
     scene.see_from(sensor_at, &mut solids);
-    // The own vehicle would move along: a sensor that moves while it turns sees none.
+    // The own vehicle would move with the sensor: a sensor that moves while it turns does not see it.
     if let (Some(ego), None) = (&ego, sensor.motion) {
-        // Where the sensor is: nothing of it is labelled.
+        // In the sensor's frame; the vehicle gets no label.
         scene.add(&ego.mesh, labels::UNLABELLED, |p| p);
     }
     let mesh_error = |reason| SimulateError::Mesh(index, reason);

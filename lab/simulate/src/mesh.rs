@@ -1,15 +1,15 @@
-//! Triangles with a surface each, and the primitives that parts are made of.
+//! Triangles with a surface each, and primitives for building parts.
 
 use super::random::Dice;
 
 pub(crate) use parry3d::math::Vector as V3;
 
-/// What a ray meets on a surface.
+/// The effect of a surface on a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Kind {
     /// Returns the ray.
     Solid,
-    /// Window: most rays pass.
+    /// Window: passes most rays.
     Glass,
     /// Foliage, wire mesh, spokes: passes a ray with this probability.
     Porous(f32),
@@ -18,7 +18,7 @@ pub(crate) enum Kind {
 /// Reflectivity and kind of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Surface {
-    /// Share of the light that comes back at normal incidence, 0..1.
+    /// Share of the light that is reflected at normal incidence, 0..1.
     pub(crate) rho: f32,
     pub(crate) kind: Kind,
 }
@@ -32,7 +32,7 @@ pub(crate) const fn solid(rho: f32) -> Surface {
     surface(rho, Kind::Solid)
 }
 
-/// A porous surface that lets this share of the rays pass.
+/// A porous surface that this share of the rays passes.
 pub(crate) const fn porous(rho: f32, passes: f32) -> Surface {
     surface(rho, Kind::Porous(passes))
 }
@@ -60,17 +60,17 @@ pub(crate) struct Mesh {
     pub(crate) surfaces: Vec<Surface>,
 }
 
-/// Short for a point.
+/// Short form for a point.
 pub(crate) fn v(x: f32, y: f32, z: f32) -> V3 {
     V3::new(x, y, z)
 }
 
-/// A point over the origin.
+/// A point above the origin.
 pub(crate) fn up(z: f32) -> V3 {
     v(0.0, 0.0, z)
 }
 
-/// Points around a circle, placed by the cosine and sine of their angle; the first lies `phase` steps on.
+/// Points around a circle, placed by the cosine and sine of their angle; the first is offset by `phase` steps.
 pub(crate) fn circle(sides: usize, phase: f32, mut place: impl FnMut(f32, f32) -> V3) -> Vec<V3> {
     (0..sides)
         .map(|i| (std::f32::consts::TAU * (i as f32 + phase) / sides as f32).sin_cos())
@@ -78,7 +78,7 @@ pub(crate) fn circle(sides: usize, phase: f32, mut place: impl FnMut(f32, f32) -
         .collect()
 }
 
-/// A ring from its left half: these points, then their images on the right, backwards.
+/// A ring from its left half: these points, then their mirror images on the right, in reverse order.
 pub(crate) fn mirrored(left: &[V3]) -> Vec<V3> {
     let right = left.iter().rev().map(|p| v(p.x, -p.y, p.z));
     left.iter().copied().chain(right).collect()
@@ -104,7 +104,7 @@ impl Mesh {
         self.face([a, c, d], surface);
     }
 
-    /// Skin between rings of equally many points; `surface(ring, point)` chooses per quad.
+    /// Surface between rings with the same number of points; `surface(ring, point)` chooses per quad.
     pub(crate) fn loft<R: AsRef<[V3]>>(
         &mut self,
         rings: &[R],
@@ -126,7 +126,7 @@ impl Mesh {
         }
     }
 
-    /// A flat lid over a ring: a fan about its middle.
+    /// A flat lid over a ring: a fan around its middle.
     pub(crate) fn cap(&mut self, ring: &[V3], surface: Surface) {
         let middle = self.vertex(ring.iter().copied().sum::<V3>() / ring.len() as f32);
         let first = self.vertices.len() as u32;
@@ -137,7 +137,7 @@ impl Mesh {
         }
     }
 
-    /// A block along the axes.
+    /// An axis-aligned block.
     pub(crate) fn block(&mut self, center: V3, size: V3, surface: Surface) {
         self.tapered(center, size, [1.0, 1.0], surface);
     }
@@ -202,7 +202,7 @@ impl Mesh {
         self.rod([from, to], radius, 4, surface);
     }
 
-    /// A skin over closed rings with a lid at both ends.
+    /// A surface over closed rings with a lid at both ends.
     pub(crate) fn hull<R: AsRef<[V3]>>(&mut self, rings: &[R], surface: Surface) {
         self.loft(rings, true, |_, _| surface);
         for ring in [rings.first(), rings.last()].into_iter().flatten() {
@@ -217,7 +217,7 @@ impl Mesh {
         self.hull(&levels.map(|level| circle(8, 0.5, place(level))), surface);
     }
 
-    /// An ellipsoid of stacked rings; each vertex is pushed in or out by up to `rough` of its radius.
+    /// An ellipsoid of stacked rings; each vertex moves in or out by up to `rough` of its radius.
     pub(crate) fn blob(
         &mut self,
         center: V3,
@@ -256,7 +256,7 @@ impl Mesh {
         }
     }
 
-    /// Keeps the triangles whose middle is where `wanted` says, and of the vertices only what they need.
+    /// Keeps the triangles whose middle satisfies `wanted`, and only the vertices that they need.
     pub(crate) fn keep(&mut self, wanted: impl Fn(V3) -> bool) {
         let mut kept = Mesh::default();
         for (triangle, surface) in self.triangles.iter().zip(&self.surfaces) {
@@ -269,7 +269,7 @@ impl Mesh {
         *self = kept;
     }
 
-    /// Pushes every vertex by up to `amount_m` along each axis, so that nothing is a perfect plane.
+    /// Moves every vertex by up to `amount_m` along each axis, so that no surface is a perfect plane.
     pub(crate) fn roughen(&mut self, amount_m: f32, dice: &mut Dice) {
         let range = [-amount_m, amount_m];
         for p in &mut self.vertices {
@@ -284,7 +284,7 @@ impl Mesh {
         self.vertices.iter().fold((first, first), grow)
     }
 
-    /// Scales to exactly these extents, the lowest point on the ground and the middle over the origin.
+    /// Scales to exactly these extents; the lowest point is on the ground and the middle above the origin.
     pub(crate) fn fit(&mut self, size_m: V3) {
         let (low, high) = self.bounds();
         let scale = size_m / (high - low).max(V3::splat(1e-3));

@@ -1,11 +1,11 @@
-//! The places of `sim-any` besides streets: how often each is seen, and the room that some of them are.
+//! The places of `sim-any` other than streets: how often each occurs, and the room of some of them.
 
 use super::{ground::Place, random::Dice};
 
-/// Sensors below this height ride on small robots, m.
+/// Sensors below this height are on small robots, m.
 pub(crate) const ROBOT_M: f32 = 1.35;
 
-/// A building around the sensor, in the road frame: from the middle of the road `half_width_m` to both sides.
+/// A building around the sensor, in the road frame: it extends `half_width_m` from the middle of the road to both sides.
 #[derive(Clone, Debug)]
 pub(crate) struct Room {
     /// First and last wall along the road, m.
@@ -16,7 +16,7 @@ pub(crate) struct Room {
 }
 
 impl Room {
-    /// Of a hall always, of a car park when it is covered: the ceiling stays half a metre above the sensor.
+    /// A hall always has a room, a car park when it is covered: the ceiling is at least half a metre above the sensor.
     pub(crate) fn draw(place: Place, sensor_height_m: f32, dice: &mut Dice) -> Option<Room> {
         let (length_m, half_width_m, height_m) = match place {
             Place::Hall => {
@@ -39,7 +39,7 @@ impl Room {
         })
     }
 
-    /// Whether a thing of this reach stands clear of the walls.
+    /// Whether a thing of this reach is clear of the walls.
     pub(crate) fn holds(&self, (along, across): (f32, f32), reach_m: f32) -> bool {
         let [low, high] = self.along_m;
         along - reach_m > low
@@ -54,7 +54,7 @@ impl Room {
     }
 }
 
-/// A place that is no street, in two frames of five: robots see halls and paths more than cars do.
+/// A place other than a street, in two of five frames: robots are in halls and on paths more often than cars.
 pub(crate) fn besides_streets(sensor_height_m: f32, dice: &mut Dice) -> Option<Place> {
     let (chance, weights) = if sensor_height_m < ROBOT_M {
         (0.55, [0.2, 0.17, 0.36, 0.27])
@@ -78,7 +78,7 @@ mod tests {
     fn sensor() -> SensorProfile {
         SensorProfile {
             azimuth_step_deg: 0.6,
-            // Else it would see nothing of a body as small as a robot.
+            // Else it would not see the body of a small robot.
             range_m: [0.1, 100.0],
             height_m: Some(HEIGHT_M),
             ..SensorProfile::load("vlp-32c").expect("a product")

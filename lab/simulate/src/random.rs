@@ -1,13 +1,13 @@
-//! Randomness that depends on nothing but its key.
+//! Randomness that depends only on its key.
 //!
-//! Two forms. `hash` turns a key (seed, frame, stream, beam, column) into a number, so that each ray draws its own values whatever thread casts it.
+//! There are two forms. `hash` turns a key (seed, frame, stream, beam, column) into a number, so that each ray has its own values on any thread.
 //! `Dice` is a ChaCha8 stream for the layout of one scene, keyed by (seed, split, frame): splits never share a stream.
 
 use parry3d::math::Vector as V3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// The first number of SplitMix64 from this state: every input bit reaches every output bit.
+/// The first number of SplitMix64 from this state: every input bit affects every output bit.
 pub(crate) fn splitmix64(state: u64) -> u64 {
     mluc_geometry::Random::from_state(state).bits()
 }
@@ -34,7 +34,7 @@ pub(crate) fn normal(bits: u64) -> f32 {
 pub(crate) struct Dice(ChaCha8Rng);
 
 impl Dice {
-    /// A stream of its own for this key.
+    /// A separate stream for this key.
     pub(crate) fn new(key: &[u64]) -> Dice {
         Dice(ChaCha8Rng::seed_from_u64(hash(key)))
     }
@@ -91,7 +91,7 @@ impl Dice {
         weights.len() - 1
     }
 
-    /// How many events happen when `mean` are expected (small means; capped at 60).
+    /// Number of events when `mean` are expected (small means; at most 60).
     pub(crate) fn events(&mut self, mean: f32) -> usize {
         let mut product = self.unit();
         let limit = (-mean).exp();

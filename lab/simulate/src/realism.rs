@@ -1,4 +1,4 @@
-//! What stands around the objects of simulated scans, by kind. Each kind can be left out, to measure what it is worth.
+//! The background around the objects of simulated scans, by kind. Each kind can be left out, to measure its effect.
 
 /// One step from a plain scene to these ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -37,7 +37,7 @@ mod tests {
     use super::*;
     use std::collections::HashSet;
 
-    /// A frame of training with these steps left out.
+    /// A training frame with these steps left out.
     fn frame_without(steps: &[Step], index: u32) -> SimulatedFrame {
         frame_of(Family::SimKitti, steps, index)
     }
@@ -77,7 +77,7 @@ mod tests {
             let of_plain: HashSet<_> = plain.points.iter().map(bits).collect();
             let points = usual.points.iter().zip(&usual.instances);
             let moved = points.filter(|(p, i)| !confuser(i) && !of_plain.contains(&bits(p)));
-            // Points between two surfaces see what stands behind; nothing else does.
+            // Only points between two surfaces depend on the background behind them.
             assert!(moved.count() < 100);
         }
         assert!(seen > 100, "{seen} points on confusers");

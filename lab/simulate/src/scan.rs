@@ -1,4 +1,4 @@
-//! One turn of the sensor: every ray is cast, passes windows and foliage, comes back or is lost, and is measured.
+//! One turn of the sensor: every ray is cast, passes windows and foliage, returns or is lost, and is measured.
 
 use super::random::{splitmix64, unit};
 use super::scene::{Scene, Searchable};
@@ -6,16 +6,16 @@ use super::sensor::{Hit, Sensor, Shot, Stream, drop_probability};
 use super::{background::Thing, mesh::Kind};
 use parry3d::query::{Ray, RayCast};
 
-/// Surfaces that one ray may pass before it is given up.
+/// Maximum number of surfaces that one ray may pass; then it is lost.
 const PASSES_MAX: usize = 8;
-/// A depth edge between neighbouring rays, m.
+/// Range step of a depth edge between neighbouring rays, m.
 const EDGE_M: [f32; 2] = [0.3, 4.0];
-/// In the heaviest rain: the share of rays that a drop answers, how far away on average, and over what way the others lessen by a factor e, m.
+/// Heaviest rain: share of rays that a drop returns; mean distance of the drop, m; distance over which the other rays decay by a factor e, m.
 const DROPS: f32 = 0.03;
 const DROPS_M: f32 = 4.0;
 const CLEAR_M: f32 = 120.0;
 
-/// Points and what each lies on; and, for every ray, which instance it ended on before noise and drop (row of a beam, then column).
+/// Points with their instances; and, for every ray, the instance that it ended on before noise and drop (row per beam, then column).
 pub(crate) struct Sweep {
     pub(crate) points: Vec<[f32; 4]>,
     pub(crate) instances: Vec<u16>,
@@ -55,8 +55,8 @@ pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
     Ok(sweep)
 }
 
-/// Follows one ray to the surface that stops it. The draws at each surface depend on the ray and the count of passes alone, so that an object alone in the
-/// world is hit by the same rays as in the scene.
+/// Follows one ray to the surface that stops it. The random draws at each surface depend only on the ray and the number of passes, so that the same
+/// rays hit an object alone and in the scene.
 pub(crate) fn trace(world: &Searchable, sensor: &Sensor, shot: Shot) -> Option<Hit> {
     if sensor.is_blind(shot) {
         return None;
@@ -93,7 +93,7 @@ pub(crate) fn trace(world: &Searchable, sensor: &Sensor, shot: Shot) -> Option<H
     None
 }
 
-/// In rain a drop near the sensor answers some rays, and of the others more are lost the farther they go.
+/// In rain a drop near the sensor returns some rays, and more of the others are lost at larger distance.
 pub(crate) fn in_rain(sensor: &Sensor, rain: f32, shot: Shot, hit: Option<Hit>) -> Option<Hit> {
     if rain <= 0.0 || sensor.is_blind(shot) {
         return hit;
@@ -112,7 +112,7 @@ pub(crate) fn in_rain(sensor: &Sensor, rain: f32, shot: Shot, hit: Option<Hit>) 
     hit.filter(|hit| 1.0 - lot < (-rain * hit.range_m / CLEAR_M).exp())
 }
 
-/// The point that comes back, or None when it is lost.
+/// The returned point, or `None` when it is lost.
 fn returned(sensor: &Sensor, hit: Hit, neighbour: Option<Hit>, shot: Shot) -> Option<[f32; 4]> {
     let lost = drop_probability(sensor, hit.range_m, hit.rho, hit.cos_incidence);
     if unit(sensor.bits(Stream::Drop, shot)) < lost {

@@ -11,7 +11,7 @@ use std::ops::Range;
 pub(crate) struct Scene {
     pub(crate) mesh: Mesh,
     pub(crate) instances: Vec<u16>,
-    /// How strong the rain is, 0..1.
+    /// Intensity of the rain, 0..1.
     pub(crate) rain: f32,
 }
 
@@ -61,7 +61,7 @@ impl Scene {
         placed.iter().enumerate().map(&mut add).collect()
     }
 
-    /// Moves everything so that the sensor, which stood at the origin, stands at `sensor_at`.
+    /// Moves everything to the sensor frame at `sensor_at`; the sensor was at the origin.
     pub(crate) fn see_from(&mut self, sensor_at: V3, solids: &mut [Solid]) {
         for vertex in &mut self.mesh.vertices {
             *vertex -= sensor_at;
@@ -74,7 +74,7 @@ impl Scene {
         }
     }
 
-    /// All triangles, or those of one object, ready for rays.
+    /// All triangles, or the triangles of one object, prepared for ray casting.
     pub(crate) fn searchable(&self, faces: Range<usize>) -> Result<Searchable<'_>, String> {
         let triangles = &self.mesh.triangles[faces.clone()];
         let used = triangles.iter().flatten().copied();
@@ -91,7 +91,7 @@ impl Scene {
     }
 }
 
-/// A mesh that rays can be cast at.
+/// A mesh prepared for ray casting.
 pub(crate) struct Searchable<'a> {
     pub(crate) mesh: TriMesh,
     pub(crate) surfaces: &'a [Surface],

@@ -1,9 +1,9 @@
-//! The beams of a sensor and what it does to a range: a Velodyne HDL-64E, or any [`SensorProfile`].
+//! The beams of a sensor and its measurement of a range: a Velodyne HDL-64E, or any [`SensorProfile`].
 //!
 //! The HDL-64E of `sim-kitti` and `sim-udi`:
 //!
 //! Elevations: nominal values of public calibrations (upper block 2.02 - 0.34 i deg, lower block -8.95 - 0.5084 j deg, 32 beams each), with a jitter of
-//! 0.05 deg a beam. Azimuth: 10 Hz, 0.1728 deg, 2083 columns a turn, each beam with its own phase. Range noise 2 cm, bias of 1 cm a beam, steps of 2 mm.
+//! 0.05 deg per beam. Azimuth: 10 Hz, 0.1728 deg, 2083 columns per turn, own phase per beam. Range noise 2 cm, bias of 1 cm per beam, steps of 2 mm.
 
 use super::mesh::{V3, up, v};
 use super::random::{hash, normal, unit};
@@ -13,32 +13,32 @@ use std::f32::consts::TAU;
 
 /// Beams of the HDL-64E.
 const BEAMS: usize = 64;
-/// Its columns of a full turn at 10 Hz.
+/// Columns of a full turn of the HDL-64E at 10 Hz.
 const COLUMNS: usize = 2083;
-/// Shortest and longest range that it reports, m.
+/// Shortest and longest reported range, m.
 const RANGE_M: [f32; 2] = [0.9, 120.0];
 /// Height above the road on KITTI's car, m.
 pub(crate) const HEIGHT_M: f32 = 1.73;
 
-/// A white surface answers half of the rays at this multiple of the longest range.
+/// A white surface returns half of the rays at this multiple of the longest range.
 const HALF_RETURNS: f32 = 1.125;
 const RANGE_STEP_M: f32 = 0.002;
 const ELEVATION_JITTER_DEG: f32 = 0.05;
-/// The lower block of lasers sits this far below the upper one, m.
+/// The lower block of lasers is this far below the upper one, m.
 const BLOCK_OFFSET_M: f32 = 0.043;
 
-/// Of the HDL-64E's rays that meet glass, these shares go through and are lost.
+/// Share of the HDL-64E's rays at glass that pass, and share that are lost.
 const GLASS: [f32; 2] = [0.9, 0.05];
 
-/// How far measurements stray.
+/// Measurement noise.
 #[derive(Default)]
 pub(crate) struct Noise {
     range_m: f32,
     beam_bias_m: f32,
     azimuth_rad: f32,
-    /// Share of the intensity.
+    /// Relative to the intensity.
     intensity: f32,
-    /// How often the pulse that straddles a depth edge is reported at or between the two surfaces.
+    /// Chance that a pulse at a depth edge is reported at or between the two surfaces.
     pub(crate) mixed: f32,
 }
 
@@ -50,7 +50,7 @@ const NOISE: Noise = Noise {
     mixed: 0.15,
 };
 
-/// Where a ray ended.
+/// The end of a ray.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Hit {
     pub(crate) range_m: f32,
@@ -59,10 +59,10 @@ pub(crate) struct Hit {
     pub(crate) instance: u16,
 }
 
-/// Beam and column of a ray; columns are counted from the first one that is cast.
+/// Beam and column of a ray; columns are counted from the first cast column.
 pub(crate) type Shot = (usize, usize);
 
-/// Streams of per-ray randomness: one number each, so that no two draws share bits.
+/// Streams of per-ray randomness: one number each, so that draws are independent.
 #[derive(Clone, Copy)]
 pub(crate) enum Stream {
     Elevation = 1,
@@ -79,22 +79,22 @@ pub(crate) enum Stream {
     Rain,
 }
 
-/// How the sensor moves while it turns. Points are those of the moving sensor, as recorded scans have them before anybody corrects
-/// them; the frame of the scan is the sensor's at the end of the turn.
+/// Motion of the sensor while it turns. Points are relative to the moving sensor, as in recorded scans before any correction;
+/// the frame of the scan is the sensor's frame at the end of the turn.
 #[derive(Clone, Copy)]
 pub(crate) struct Motion {
     /// In the frame of the scan.
     pub(crate) velocity_mps: V3,
     pub(crate) yaw_rate_radps: f32,
-    /// Labels lie where the objects are at the turn's end, not where their points are.
+    /// Whether labels are at the objects' positions at the turn's end, not at their points.
     pub(crate) labels_at_end: bool,
 }
 
-/// A turn at 10 Hz, s.
+/// Duration of a turn at 10 Hz, s.
 const TURN_S: f32 = 0.1;
 
 impl Motion {
-    /// Where the sensor is (m) and its heading (sine and cosine) so long after the turn's end.
+    /// The sensor's position (m) and heading (sine and cosine) at a time after the turn's end.
     fn pose(self, time_s: f32) -> (V3, [f32; 2]) {
         let (sin, cos) = (self.yaw_rate_radps * time_s).sin_cos();
         (self.velocity_mps * time_s, [sin, cos])
@@ -109,12 +109,12 @@ fn turned_by(p: V3, [sin, cos]: [f32; 2]) -> V3 {
 #[derive(Clone, Copy)]
 struct Beam {
     elevation_rad: f32,
-    /// When it fires between two columns, 0..1.
+    /// Time of firing between two columns, 0..1.
     phase: f32,
     bias_m: f32,
-    /// Where its wave begins, 0..1.
+    /// Phase of its wave at the start, 0..1.
     wave_phase: f32,
-    /// Where it starts, m.
+    /// Origin of its rays, m.
     origin: V3,
     /// The axes of its unit.
     axes: [V3; 3],
@@ -131,7 +131,7 @@ fn axes(unit: &SensorUnit) -> [V3; 3] {
     ]
 }
 
-/// One sensor, as it is in one frame.
+/// One sensor with its values for one frame.
 #[derive(Default)]
 pub(crate) struct Sensor {
     pub(crate) key: u64,
@@ -139,31 +139,31 @@ pub(crate) struct Sensor {
     /// Columns of a full turn.
     columns: usize,
     first_column: usize,
-    /// Columns that are cast.
+    /// Number of columns that are cast.
     pub(crate) column_count: usize,
-    /// Shortest and longest range that is reported, m.
+    /// Shortest and longest reported range, m.
     pub(crate) range_m: [f32; 2],
     pub(crate) noise: Noise,
-    /// How far a beam may look aside, rad: tilt, and parallax at 2 m.
+    /// Maximum angular deviation of a beam, rad: tilt, and parallax at 2 m.
     stray_rad: f32,
-    /// Of the rays that meet glass, the share that goes through, and the share that is lost there.
+    /// Share of the rays at glass that pass, and share that are lost there.
     pub(crate) glass: [f32; 2],
-    /// Share of all hits that is lost for no visible reason.
+    /// Share of all hits that are lost for no visible reason.
     pub(crate) base_drop: f32,
-    /// While it turns; none: it stands.
+    /// Motion while it turns; `None`: it stands still.
     pub(crate) motion: Option<Motion>,
-    /// How often a pulse that straddles a depth edge comes back from the farther surface too.
+    /// Chance that a pulse at a depth edge also returns from the farther surface.
     pub(crate) second_returns: f32,
-    /// Lines that wave while they are swept: by how much, rad, and how often a turn.
+    /// Waving lines: amplitude, rad, and number of waves per turn.
     wave: [f32; 2],
-    /// What the robot's own body hides, in the sensor's own frame.
+    /// Sectors that the robot's own body hides, in the sensor's own frame.
     blind: Vec<BlindSector>,
-    /// The axes of that frame in the frame of the scan, which is level.
+    /// The axes of the sensor's own frame in the frame of the scan, which is level.
     axes: [V3; 3],
 }
 
 impl Sensor {
-    /// The sensor of a frame; `half_turn` casts only the columns with x > 0.
+    /// The sensor of a frame; with `half_turn` only the columns with x > 0 are cast.
     pub(crate) fn new(key: u64, half_turn: bool) -> Sensor {
         let draw = |stream: Stream, beam: usize| hash(&[key, stream as u64, beam as u64]);
         let beam = |b: usize| {
@@ -197,7 +197,7 @@ impl Sensor {
         }
     }
 
-    /// A profile's sensor as it is in one frame: elevations stray by `jitter_deg`, as units of a type do.
+    /// A profile's sensor for one frame: elevations deviate by `jitter_deg`, as between units of a type.
     pub(crate) fn of(profile: &SensorProfile, jitter_deg: f32, key: u64) -> Sensor {
         let draw = |stream: Stream, beam: usize| hash(&[key, stream as u64, beam as u64]);
         let mut noise = NOISE;
@@ -240,7 +240,7 @@ impl Sensor {
         });
         let [middle_deg, width_deg] = profile.field_deg.unwrap_or([0.0, 360.0]);
         let share = |deg: f32| (deg / profile.azimuth_step_deg).round() as usize;
-        // Recorded scans show next to nothing behind windows: most rays are reflected away. What comes back differs with glass and dirt.
+        // Recorded scans show very few points behind windows: most rays are reflected away. The returned share depends on glass and dirt.
         let passes = 0.5 * unit(draw(Stream::Pass, usize::MAX)).powi(3);
         let returns = 0.3 * unit(draw(Stream::Pass, usize::MAX - 1));
         let mut sensor = Sensor {
@@ -264,12 +264,12 @@ impl Sensor {
         sensor
     }
 
-    /// Whether it sees less than the full circle.
+    /// Whether its field of view is less than the full circle.
     pub(crate) fn is_sector(&self) -> bool {
         self.column_count < self.columns
     }
 
-    /// Lets the lines of a sector wave, together or each out of step with the others.
+    /// Makes the lines of a sector wave, in phase or with random phases.
     pub(crate) fn wave(&mut self, height_rad: f32, a_turn: f32, out_of_step: bool) {
         self.wave = [height_rad, a_turn];
         self.stray_rad += height_rad;
@@ -279,12 +279,12 @@ impl Sensor {
         }
     }
 
-    /// Beams, of all units.
+    /// Number of beams of all units.
     pub(crate) fn beam_count(&self) -> usize {
         self.beams.len()
     }
 
-    /// How far a beam may look aside of where [`Sensor::column_direction`] and its elevation say at what is so far away, rad.
+    /// Maximum deviation of a beam from its elevation and [`Sensor::column_direction`] at an object at this distance, rad.
     pub(crate) fn stray_rad(&self, away_m: f32) -> f32 {
         let moved = self.motion.map_or(0.0, |motion| {
             TURN_S * (motion.velocity_mps.length() / away_m.max(1.0) + motion.yaw_rate_radps.abs())
@@ -292,7 +292,7 @@ impl Sensor {
         self.stray_rad + moved
     }
 
-    /// A box where the points on it lie: as the sensor saw it so long after the turn's end.
+    /// A box moved to the points on it: as seen by the sensor at this time after the turn's end.
     pub(crate) fn seen(&self, shape: Box3, time_s: f32) -> Box3 {
         let Some(motion) = self.motion else {
             return shape;
@@ -307,13 +307,13 @@ impl Sensor {
         }
     }
 
-    /// Random bits of one ray for one purpose.
+    /// Random bits of one ray for one stream.
     pub(crate) fn bits(&self, stream: Stream, (beam, column): Shot) -> u64 {
         let ray = (beam * self.columns.max(4096) + column) as u64;
         hash(&[self.key ^ ((stream as u64) << 56), ray])
     }
 
-    /// Where the ray starts and its unit direction, in the frame of the scan.
+    /// Origin and unit direction of the ray, in the frame of the scan.
     pub(crate) fn ray(&self, shot: Shot) -> (V3, V3) {
         let (start, direction) = self.ray_in_sensor(shot);
         let Some(motion) = self.motion else {
@@ -324,7 +324,7 @@ impl Sensor {
         (at + start, direction)
     }
 
-    /// Whether the own body hides what lies there.
+    /// Whether the own body hides this ray.
     pub(crate) fn is_blind(&self, shot: Shot) -> bool {
         if self.blind.is_empty() {
             return false;
@@ -336,12 +336,12 @@ impl Sensor {
         sectors.any(|sector| sector.hides(azimuth_deg, elevation_deg))
     }
 
-    /// When a column is cast, after the turn's end, s.
+    /// Time of a column relative to the turn's end, s.
     pub(crate) fn time_s(&self, column: usize) -> f32 {
         -TURN_S * (1.0 - (column as f32 + 0.5) / self.column_count as f32)
     }
 
-    /// The same as the sensor itself, which may move, reports it.
+    /// The same ray in the frame of the sensor, which may move.
     pub(crate) fn ray_in_sensor(&self, shot: Shot) -> (V3, V3) {
         let beam = &self.beams[shot.0];
         let turn = ((self.first_column + shot.1) % self.columns) as f32 + beam.phase;
@@ -361,7 +361,7 @@ impl Sensor {
         self.beams[beam].elevation_rad
     }
 
-    /// Direction of a ray in the plane, without noise and tilt.
+    /// Direction of a ray in the ground plane, without noise and tilt.
     pub(crate) fn column_direction(&self, (beam, column): Shot) -> [f32; 2] {
         let beam = &self.beams[beam];
         let turn = ((self.first_column + column) % self.columns) as f32 + beam.phase;
@@ -370,7 +370,7 @@ impl Sensor {
         [cos, sin]
     }
 
-    /// The range as it is reported, m.
+    /// The reported range, m.
     pub(crate) fn measured(&self, range_m: f32, shot: Shot) -> f32 {
         let noise_m = self.noise.range_m * normal(self.bits(Stream::Range, shot));
         let noisy = range_m + noise_m + self.beams[shot.0].bias_m;
@@ -389,8 +389,8 @@ impl Sensor {
     }
 }
 
-/// Probability that a hit does not come back, from range, reflectivity and cosine of incidence. The constants are guesses from
-/// published sensor models: a base share of everything (1 to 6 %, one number a frame), half of the returns at 135 sqrt(rho) m, up to 45 % more at grazing incidence.
+/// Probability that a hit does not return, from range, reflectivity and cosine of incidence. The constants are guesses from published sensor models:
+/// a base share of all hits (1 to 6 %, one number per frame), half of the returns at 135 sqrt(rho) m, up to 45 % more at grazing incidence.
 pub(crate) fn drop_probability(sensor: &Sensor, range_m: f32, rho: f32, cos_incidence: f32) -> f32 {
     let base = sensor.base_drop;
     let half_m = HALF_RETURNS * sensor.range_m[1] * rho.sqrt();

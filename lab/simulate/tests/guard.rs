@@ -1,5 +1,5 @@
-//! Ingest's guard on faults that users have, put into scans: of simulated products, and of real sensors where `MLUC_KITTI` and `MLUC_SENSORS` hold some.
-//! The table that it prints (`--nocapture`) stands in docs/sensors.md.
+//! Tests ingest's guard on faults that users have, put into scans: of simulated products, and of real sensors in `MLUC_KITTI` and `MLUC_SENSORS`.
+//! docs/sensors.md has the table that the test prints (`--nocapture`).
 
 use mluc_dataset::read_scan;
 use mluc_ingest::estimate::{Estimator, SensorEstimate};
@@ -12,17 +12,17 @@ use std::path::Path;
 
 type Scan = Vec<Point>;
 
-/// Scans after which a fault must be flagged.
+/// The number of scans after which a fault must be flagged.
 const SCANS: usize = 10;
 
-/// The shipped model's: any sensor, all around.
+/// What the shipped model accepts: any sensor, all around.
 fn takes() -> Manifest {
     let weights = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights");
     let shipped = Model::read(&Path::new(weights).join("any-open.safetensors"));
     shipped.expect("a model").manifest
 }
 
-/// Scans of one sensor, what it is, and what they say of it.
+/// Scans of one sensor, its profile, and the estimate of the sensor from the scans.
 struct Set {
     name: String,
     scans: Vec<Scan>,
@@ -40,11 +40,11 @@ fn points(values: Vec<[f32; 4]>) -> Scan {
     values.into_iter().map(bytemuck::cast).collect()
 }
 
-/// Two scans of a product.
+/// Two scans of a simulated product.
 fn simulated(name: &str) -> Set {
     let mut sensor = SensorProfile::load(name).expect("a product");
     sensor.height_m = Some(1.6);
-    // Fewer columns: the test's time.
+    // Fewer columns make the test faster.
     sensor.azimuth_step_deg = sensor.azimuth_step_deg.max(0.4);
     let scan = |index| {
         let frame = frame(Family::SimAny, Split::Test, 11, index, Some(&sensor));
@@ -77,7 +77,7 @@ fn recorded(name: &str, folder: &Path, count: usize) -> Set {
     }
 }
 
-/// What the guard says of scans that pass, over and over.
+/// All flags that the guard sets while the scans pass.
 fn flagged(expected: &Expected, scans: impl Iterator<Item = (Scan, u32)>) -> Flags {
     let mut guard = Guard::new(expected.clone());
     let mut all = Flags::default();
@@ -92,7 +92,7 @@ fn flagged(expected: &Expected, scans: impl Iterator<Item = (Scan, u32)>) -> Fla
     all
 }
 
-/// A change of a scan; gives how many points are not finite any more.
+/// A change of a scan; returns how many points are no longer finite.
 type Change = Box<dyn Fn(&mut Scan) -> u32>;
 
 fn each(change: impl Fn(&mut Point) + 'static) -> Change {
@@ -116,11 +116,11 @@ fn scale(factor: f32) -> Change {
     })
 }
 
-/// The faults, and whether one must be seen.
+/// The faults, and for each whether the guard must see it.
 fn faults(set: &Set) -> Vec<(&'static str, Change, bool)> {
     let height_m = set.found.height_m.expect("a ground");
     let elevations = set.sensor.elevations_deg.clone();
-    // Where beams are not clear, the profile has made-up ones: half of them are no half of the sensor's.
+    // If the beams are not clear, the profile's beams are synthetic: half of them is not half of the sensor's beams.
     let are_clear = set.found.are_beams_clear;
     let beam = move |p: &Point| {
         let deg = p.z_m.atan2(p.x_m.hypot(p.y_m)).to_degrees();
@@ -169,7 +169,7 @@ fn faults(set: &Set) -> Vec<(&'static str, Change, bool)> {
     faults
 }
 
-/// Rows of the table: no flag on the scans as they are, a flag on those with a fault.
+/// Prints rows of the table: scans without a fault must get no flag, scans with a fault must get one.
 fn check(sets: &[Set]) {
     let mut wrong = Vec::new();
     for set in sets {

@@ -1,26 +1,26 @@
-//! Where the anchors and the cells of a map lie, and what they overlap.
+//! Positions of the anchors and cells of a map, and their overlaps with objects.
 
 use mluc_geometry::{Box3, limit_period};
 use mluc_head::decode::{self, ANCHOR_YAWS_RAD};
 use mluc_model::{AnchorClass, Manifest};
 
-/// Where the anchors stand.
+/// The anchors of a map and their positions.
 #[derive(Clone, Debug)]
 pub struct Anchors {
-    /// Their boxes.
+    /// Boxes of the anchors.
     pub(crate) boxes: decode::Anchors,
     pub(crate) rows: usize,
     pub(crate) columns: usize,
-    /// Edge of a cell.
+    /// Edge lengths of a cell.
     cell_m: [f64; 2],
     /// Known classes, then the class-agnostic sizes.
     pub(crate) classes: Vec<AnchorClass>,
-    /// How many of them are known classes.
+    /// Number of known classes in `classes`.
     pub(crate) known: usize,
 }
 
 impl Anchors {
-    /// Of a manifest.
+    /// The anchors of a manifest.
     pub fn of(manifest: &Manifest) -> Anchors {
         let [rows, columns] = manifest.network.map_shape();
         let grid = &manifest.network.grid;
@@ -35,12 +35,12 @@ impl Anchors {
         }
     }
 
-    /// Anchors of a cell.
+    /// Number of anchors per cell.
     pub fn per_cell(&self) -> usize {
         self.boxes.per_cell()
     }
 
-    /// The cell that holds a position.
+    /// The cell that contains a position.
     pub(crate) fn cell_at(&self, x_m: f64, y_m: f64) -> Option<u32> {
         let column = ((x_m - self.boxes.origin_m[0]) / self.cell_m[0]).floor();
         let row = ((y_m - self.boxes.origin_m[1]) / self.cell_m[1]).floor();
@@ -49,7 +49,7 @@ impl Anchors {
         inside.then(|| (row as usize * self.columns + column as usize) as u32)
     }
 
-    /// Cells whose centre lies in the footprint of `bounds`, grown by `margin_m`.
+    /// Cells whose centre is in the footprint of `bounds`, grown by `margin_m`.
     pub(crate) fn cells_under(&self, bounds: &Box3, margin_m: f64) -> Vec<u32> {
         let [length, width] = [0, 1].map(|i| bounds.size_m[i] + 2.0 * margin_m);
         let grown = Box3 {
@@ -76,7 +76,7 @@ impl Anchors {
         cells
     }
 
-    /// The cell of every anchor `anchor` that overlaps `object`, with the overlap of their nearest footprints.
+    /// The cell of every anchor of index `anchor` that overlaps `object`, with the overlap of their nearest axis-aligned footprints.
     pub(crate) fn overlaps(&self, object: &Box3, anchor: usize) -> Vec<(u32, f64)> {
         let size = self.classes[anchor / 2].size_m.map(f64::from);
         let [ax, ay] = nearest(size, ANCHOR_YAWS_RAD[anchor % 2]);
@@ -104,7 +104,7 @@ impl Anchors {
     }
 }
 
-/// Extent of the axis-aligned footprint that is nearest to a turned one.
+/// Extent of the axis-aligned footprint that is nearest to a rotated one.
 pub(crate) fn nearest([length, width, _]: [f64; 3], yaw_rad: f64) -> [f64; 2] {
     let turn = limit_period(yaw_rad, 0.5, std::f64::consts::PI);
     if turn.abs() < std::f64::consts::FRAC_PI_4 {

@@ -1,7 +1,7 @@
-//! Other frames from the same data: paste objects, mirror, turn, scale (the public SECOND configuration).
+//! Augmentation: pasted objects, mirroring, rotation, scaling (the public SECOND configuration).
 //!
-//! A pasted object keeps its range and bearing, so that its pattern of points stays the sensor's; it is put on the
-//! ground of its new place. It is turned down where it would touch another object or stand in a wall.
+//! A pasted object keeps its range and bearing, so that its points keep the sensor's pattern; it is moved to the height of the
+//! ground at its new place. It is rejected where it would overlap another object or an obstacle.
 
 use std::f64::consts::{FRAC_PI_4, PI, TAU};
 use std::sync::Arc;
@@ -15,36 +15,36 @@ use crate::synthetic_unknown::make_up;
 
 const TURN_MAX_RAD: f64 = FRAC_PI_4;
 const SCALE: [f64; 2] = [0.95, 1.05];
-/// Ground is looked for this far around a pasted object.
+/// Radius around a pasted object in which the ground is estimated.
 const GROUND_RADIUS_M: f32 = 2.0;
-/// Fewer points tell no ground; the object then keeps its own height.
+/// With fewer points there is no ground estimate; the object then keeps its own height.
 const GROUND_POINTS_MIN: usize = 8;
-/// Points this far above the lowest ones still are ground.
+/// Points up to this far above the lowest ones count as ground.
 const GROUND_THICKNESS_M: f32 = 0.25;
-/// An object is not moved further up or down.
+/// Maximum vertical shift of a pasted object.
 const GROUND_SHIFT_MAX_M: f64 = 1.0;
-/// More points of the scan than this above the ground inside the box: something stands there.
+/// Maximum number of scan points above the ground inside the box; with more, the place is occupied.
 const OBSTACLE_POINTS_MAX: usize = 10;
 /// Obstacle points start this far above the bottom of the box.
 const OBSTACLE_HEIGHT_M: f64 = 0.3;
 
-/// How frames are varied.
+/// Settings of the augmentation.
 #[derive(Clone, Debug)]
 pub struct Augmentation {
     /// Objects to paste.
     pub database: Arc<Database>,
-    /// Objects of each class after pasting.
+    /// Wanted number of objects of each class after pasting.
     pub wanted: Vec<usize>,
-    /// Synthetic unknown objects, a frame.
+    /// Number of synthetic unknown objects per frame.
     pub synthetic_unknown: usize,
     /// Mean l, w, h of the known classes, m: synthetic unknown objects have other sizes.
     pub classes_m: Vec<[f64; 3]>,
-    /// Also mirror front to back (a scan all around).
+    /// Also mirror front to back (for a full-circle scan).
     pub mirror_x: bool,
 }
 
 impl Augmentation {
-    /// Varies a scan in place.
+    /// Augments a scan in place.
     pub fn apply(&self, scan: &mut LabelledScan, random: &mut Random) {
         self.paste(scan, random);
         if random.coin() {
@@ -82,13 +82,13 @@ impl Augmentation {
             scan.objects.push(object);
             points.extend(sample.points);
         }
-        // In front: where a voxel or the frame is full, later points are left out.
+        // Pasted points come first: where a voxel or the frame is full, later points are dropped.
         points.append(&mut scan.points);
         scan.points = points;
     }
 }
 
-/// The sample on the ground of its place; `None` where the place is taken.
+/// The sample at the ground height of its place; `None` where the place is occupied.
 fn place(sample: &Sample, scan: &LabelledScan, pasted: &[Sample]) -> Option<Sample> {
     let bounds = &sample.bounds;
     let is_free = |other: &Box3| {
@@ -133,7 +133,7 @@ fn ground(near: &[&[f32; 4]]) -> Option<f64> {
     Some(sum / heights.len() as f64)
 }
 
-/// Along axis 0: x to -x; along axis 1: y to -y.
+/// Axis 0: x to -x; axis 1: y to -y.
 fn mirror(scan: &mut LabelledScan, axis: usize) {
     scan.points.iter_mut().for_each(|p| p[axis] = -p[axis]);
     for object in &mut scan.objects {
@@ -169,7 +169,7 @@ fn scale(scan: &mut LabelledScan, factor: f64) {
     }
 }
 
-/// Drops objects with no corner in range.
+/// Drops objects without a corner in range.
 pub fn crop(scan: &mut LabelledScan, grid: &Grid) {
     let ranges = [0, 1].map(|i| {
         let [low, high] = [grid.range_min_m[i], grid.range_max_m[i]].map(f64::from);
@@ -185,7 +185,7 @@ pub fn crop(scan: &mut LabelledScan, grid: &Grid) {
 mod tests {
     use super::*;
 
-    /// Flat ground at -1.7 m, a car of 300 points.
+    /// A scan with flat ground at -1.7 m and a car of 300 points.
     fn scan() -> LabelledScan {
         let mut random = Random::new(2, &[]);
         let mut ground = || {
@@ -207,7 +207,7 @@ mod tests {
 
     fn augmentation() -> Augmentation {
         let sample = |i: i32| {
-            // From a frame whose ground lies 0.5 m lower.
+            // From a frame whose ground is 0.5 m lower.
             let (x, y) = (-20.0 + 2.0 * f64::from(i), -8.0 + f64::from(i % 3));
             Sample {
                 class: Some(1),
@@ -235,7 +235,7 @@ mod tests {
             varied.count_points();
             let counted = counts(&varied);
             assert_eq!(counted[0], before);
-            // Removing the scan's points from a pasted box leaves its own.
+            // After the scan's points in a pasted box are removed, only its own points are left.
             assert_eq!(noted[1..], counted[1..]);
             assert!(varied.objects.len() > 3);
         }

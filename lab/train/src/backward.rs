@@ -1,7 +1,7 @@
-//! The backward pass of the network: [`crate::network`] in reverse, by hand.
+//! The backward pass of the network: [`crate::network`] in reverse, written by hand.
 //!
-//! The background row of a map is read by many rows of the next one, so its gradient is gathered apart (see
-//! [`crate::layers::LayerPlan`]); every other row's tap has one reader at most.
+//! The background row of a map is read by many rows of the next one, so its gradient is computed separately (see
+//! [`crate::layers::LayerPlan`]); every other row's tap has at most one reader.
 
 use crate::layers::{add, backward_all, linear_backward};
 use crate::network::{Chain, Outputs, Pass, StepInput, last};
@@ -27,7 +27,7 @@ impl Chain {
         pool.give(map);
     }
 
-    /// Gradients of up 1's and up 2's rows.
+    /// Gradients of the rows of up 1 and up 2.
     fn backward_heads(
         &self,
         input: &StepInput,
@@ -64,7 +64,7 @@ impl Chain {
         back
     }
 
-    /// The second part of [`Chain::backward`], from the gradient of the map's rows: sparse layers.
+    /// The second part of [`Chain::backward`]: sparse layers, from the gradient of the map's rows.
     fn backward_sparse(&self, input: &StepInput, pass: &Pass, map: &[f32], pool: &mut Pool) {
         let plan = input.plan;
         let Some(output) = self.sparse.last() else {

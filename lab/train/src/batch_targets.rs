@@ -1,13 +1,13 @@
-//! The labels of a batch, by row of the cells that the heads are run on.
+//! The labels of a batch, by row of the cells on which the heads run.
 
 use crate::targets::{CellClass, CellLabel, Targets};
 
 /// Labels of a batch.
 #[derive(Clone, Debug, Default)]
 pub struct BatchTargets {
-    /// For each anchor of the batch (of a sigmoid head: anchor and class): 1 positive, 0 negative, -1 ignored.
+    /// For each anchor of the batch (for a sigmoid head: each anchor and class): 1 positive, 0 negative, -1 ignored.
     pub labels: Vec<i8>,
-    /// Cells with a positive anchor or a class, ascending, over the batch.
+    /// Cells with a positive anchor or a class, over the batch, ascending.
     pub labelled: Vec<u32>,
     /// 1 / (frames * positives) of each frame.
     pub(crate) frame_weight: Vec<f32>,
@@ -15,7 +15,7 @@ pub struct BatchTargets {
     pub(crate) cells: Vec<RowClass>,
 }
 
-/// A positive anchor by row of the labelled cells.
+/// A positive anchor, by row of the labelled cells.
 #[derive(Clone, Debug)]
 pub(crate) struct RowPositive {
     pub(crate) row: u32,
@@ -25,7 +25,7 @@ pub(crate) struct RowPositive {
     pub(crate) weight: f32,
 }
 
-/// A class by row of the labelled cells.
+/// A class, by row of the labelled cells.
 #[derive(Clone, Debug)]
 pub(crate) struct RowClass {
     pub(crate) row: u32,
@@ -36,7 +36,7 @@ pub(crate) struct RowClass {
 }
 
 impl BatchTargets {
-    /// Puts frames together. `cells`: of one frame's map; `anchors`: of a cell; `classes`: logits of an anchor, 1 but for a sigmoid head.
+    /// Joins frames. `cells`: cells of one frame's map; `anchors`: anchors per cell; `classes`: logits per anchor, 1 except for a sigmoid head.
     pub fn new(frames: &[Targets], cells: usize, anchors: usize, classes: usize) -> BatchTargets {
         let mut batch = BatchTargets::default();
         let mut all = vec![0; frames.len() * cells * anchors * classes];
@@ -54,7 +54,7 @@ impl BatchTargets {
             let weight = 1.0 / (frames.len() * targets.positives.len().max(1)) as f32;
             for p in &targets.positives {
                 let at = p.cell as usize * anchors + p.anchor as usize;
-                // An anchor is of one class: the other classes' logits of it are to be low.
+                // An anchor belongs to one class: its logits for the other classes have to be low.
                 let own = (p.anchor as usize / 2) % classes;
                 labels[at * classes..][..classes].fill(0);
                 labels[at * classes + own] = 1;

@@ -1,4 +1,4 @@
-//! What is checked before hours are spent on it: files, classes, boxes, points; and what a checkpoint must have been made of.
+//! Checks before a long run: files, classes, boxes, points; and the origin that a checkpoint must have.
 
 use mluc_dataset::{Dataset, calibration_hash, check_classes, check_files, data_hash};
 use mluc_model::CLASSES_MAX;
@@ -11,10 +11,10 @@ use crate::{
     source::ScanSource,
 };
 
-/// Scans whose labelled boxes are looked into: scans of other frames, or empty ones, show in the first few.
+/// Number of scans whose labelled boxes are checked: scans of other frames, or empty scans, show in the first few.
 const POINT_FRAMES: usize = 20;
 
-/// Refuses a number of `--known` classes that no model has; none are the setting's.
+/// Rejects a number of `--known` classes that no model supports; with 0, the classes of the setting apply.
 pub fn check_known(known: &[String]) -> Result<(), TrainError> {
     let expected = format!("2 to {CLASSES_MAX} classes");
     match known.len() {
@@ -23,14 +23,14 @@ pub fn check_known(known: &[String]) -> Result<(), TrainError> {
     }
 }
 
-/// The training split: every frame has its files, whole scans, labels of classes that are heard of, a calibration that can be used.
+/// Checks the training split: every frame has its files, a whole scan, labels of accepted classes only, a valid calibration.
 pub(crate) fn training_split(settings: &TrainSettings) -> Result<Dataset, TrainError> {
     let dataset = Dataset::open(&settings.data.join("train"))?;
     check(&dataset, settings)?;
     Ok(dataset)
 }
 
-/// The same of the validation split, where it is there and wanted.
+/// The same checks for the validation split, where it exists and is used.
 pub(crate) fn validation_split(
     settings: &TrainSettings,
     notify: &mut dyn FnMut(TrainEvent),
@@ -58,7 +58,7 @@ fn check(dataset: &Dataset, settings: &TrainSettings) -> Result<(), TrainError> 
     Ok(())
 }
 
-/// Labelled boxes without a single point between them are of other scans, or the scans are empty.
+/// Rejects labels without a single point in any box: they belong to other scans, or the scans are empty.
 pub(crate) fn points(source: &ScanSource, settings: &TrainSettings) -> Result<(), TrainError> {
     let frames = source.count().min(POINT_FRAMES);
     let scans = (0..frames).into_par_iter().map(|i| source.scan(i));
@@ -74,7 +74,7 @@ pub(crate) fn points(source: &ScanSource, settings: &TrainSettings) -> Result<()
     Ok(())
 }
 
-/// Settings and data as one text, which a checkpoint must share with the run that goes on from it.
+/// Settings and data as one text; a resumed run must have the same text as its checkpoint.
 pub(crate) fn origin(settings: &TrainSettings, dataset: &Dataset) -> Result<String, TrainError> {
     Ok(format!(
         "{} data {} frames {} calib {}",

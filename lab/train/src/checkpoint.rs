@@ -1,7 +1,7 @@
-//! Saves and restores a run, exactly: a resumed run gives the bits of an uninterrupted one.
+//! Saves and restores a run exactly: a resumed run gives the same bits as an uninterrupted one.
 //!
-//! A safetensors file: `parameters`, Adam's moments, and the running statistics one after another; its metadata holds
-//! the steps and the settings. The batches of a step depend on the seed and the step alone, so no random state is kept.
+//! A safetensors file: `parameters`, Adam's moments, and the running statistics one after another; its metadata contains
+//! the steps and the settings. The batches of a step depend only on the seed and the step, so no random state is stored.
 
 use std::{collections::HashMap, fmt::Display, path::Path};
 
@@ -14,13 +14,13 @@ use crate::{
     trainer::TrainState,
 };
 
-/// A checkpoint that is not one, or not of this run.
+/// The error for a file that is no checkpoint, or a checkpoint of another run.
 pub(crate) fn wrong(path: &Path, expected: impl Display, found: impl Display) -> TrainError {
     let found = format!("{found}; move it away to start anew");
     refused(path, expected, found)
 }
 
-/// Saves.
+/// Saves a state.
 pub fn save(path: &Path, state: &TrainState, fingerprint: &str) -> Result<(), TrainError> {
     let broken = |cause: SafeTensorError| wrong(path, "tensors that can be written", cause);
     let adam = &state.adam;
@@ -48,14 +48,7 @@ pub fn save(path: &Path, state: &TrainState, fingerprint: &str) -> Result<(), Tr
     run_folder::write(path, &bytes)
 }
 
-/// Whether two texts of settings and data are of one run; the path behind ` init ` may be spelled from another folder.
-pub(crate) fn is_same_run(texts: [&str; 2]) -> bool {
-    let [one, other] = texts.map(|text| text.split_once(" init ").unwrap_or((text, "")));
-    let [a, b] = [one.1, other.1].map(|path| format!("/{}", path.trim_start_matches(['.', '/'])));
-    one.0 == other.0 && (a.ends_with(&b) || b.ends_with(&a))
-}
-
-/// Restores into a state of the same shapes; false when there is no checkpoint.
+/// Restores into a state of the same shapes; false where there is no checkpoint.
 pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bool, TrainError> {
     let bytes = match std::fs::read(path) {
         Ok(bytes) => bytes,
@@ -77,7 +70,7 @@ pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bo
         }
     };
     let found = text("settings");
-    if !is_same_run([found, fingerprint]) {
+    if found != fingerprint {
         let expected = format!("a run with '{fingerprint}'");
         return Err(wrong(path, expected, format!("'{found}'")));
     }

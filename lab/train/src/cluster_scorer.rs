@@ -1,7 +1,7 @@
-//! Fits the layers that score how much a cluster is like an object (`mluc_refiner::ClusterScorer`), on training scans alone: what a trained network
-//! proposes on synthetic unknown objects stands against what it proposes elsewhere.
+//! Fits the layers that score the similarity of a cluster to an object (`mluc_refiner::ClusterScorer`), on training scans only: proposals of a trained
+//! network on synthetic unknown objects are the positives, its proposals elsewhere the negatives.
 //!
-//! Sizes are varied while it is fitted, so that it learns bodies against walls and leaves rather than sizes. Extension of the paper.
+//! Sizes are varied during the fit, so that the scorer separates bodies from walls and leaves instead of learning sizes. Extension of the paper.
 
 use mluc_backbone::Precision;
 use mluc_dataset::Label;
@@ -15,23 +15,22 @@ use mluc_refiner::{ClusterScorer, Refiner, RefinerError, RefinerOutput, Sensor, 
 use rayon::prelude::*;
 
 use crate::optimizer::{Adam, Schedule};
-use crate::synthetic_unknown::stands_for_unknown;
-use crate::{error::TrainError, mlp::Mlp};
+use crate::{error::TrainError, mlp::Mlp, synthetic_unknown::stands_for_unknown};
 
 const STEPS: u64 = 400;
-/// Clusters of a step, and how many of them are objects: a tenth, as most of what is proposed is background.
+/// Clusters per step, and the number of objects among them: a tenth, since most proposals are background.
 const BATCH: usize = 1024;
 const OBJECTS: usize = 102;
-/// Log of the factor by which sizes are varied, standard deviation.
+/// Standard deviation of the log of the factor by which sizes are varied.
 const SIZE_DEVIATION: f64 = 0.3;
-/// A box that is proposed is on an object above this overlap, as evaluation has it; with less than this share on any it is on nothing.
+/// A proposed box is on an object above this overlap, as in evaluation; it is on nothing when its share on every object is below `SHARE_OFF`.
 const IOU_ON: f64 = 0.1;
 const SHARE_OFF: f64 = 0.02;
-/// P(unknown) from which a box is proposed here: the lowest that a model's threshold may be.
+/// P(unknown) from which a box is proposed here: the minimum of a model's threshold.
 const UNKNOWN_MIN: f32 = 0.5;
 
-/// Fits on what a trained network with an output for the unknown proposes on scans with synthetic unknown objects; `step` is called after each.
-/// None where it proposes nothing on them, or nothing elsewhere.
+/// Fits on the proposals of a trained network with an unknown output, on scans with synthetic unknown objects; `step` is called after each scan.
+/// `None` where it proposes nothing on these objects, or nothing elsewhere.
 pub fn fit_to_proposals(
     model: &Model,
     set: &FrameSet,
@@ -51,7 +50,7 @@ pub fn fit_to_proposals(
     Ok(fit(&examples, seed).map(as_scorer))
 }
 
-/// Of what is published as unknown in a frame when everything is.
+/// Examples from the published unknown objects of a frame, at the lowest threshold.
 fn proposed(
     refiner: &mut Refiner,
     set: &FrameSet,
@@ -79,7 +78,7 @@ fn proposed(
         let is_object = synthetic
             .iter()
             .any(|bounds| iou_3d(&shape, bounds) > IOU_ON);
-        // What is labelled, but neither learned nor unknown, teaches nothing.
+        // Proposals on other labelled objects, which are neither learned nor unknown, are not used.
         let is_off = |bounds: &Box3| intersection_over_min_area(&shape, bounds) < SHARE_OFF;
         let is_nothing = synthetic.iter().chain(&others).all(is_off);
         (is_object || is_nothing).then(|| (features(measures), is_object))
@@ -87,15 +86,15 @@ fn proposed(
     Ok(objects.filter_map(example).collect())
 }
 
-/// The layers as the refiner runs them: both lay them out alike.
+/// The layers in the refiner's form: the memory layout is the same.
 fn as_scorer(mlp: Mlp) -> ClusterScorer {
     ClusterScorer::new(mlp.parameters).expect("the widths are those of the model file")
 }
 
-/// Features, and whether it is an object.
+/// Features, and whether the cluster is an object.
 type Example = ([f32; FEATURES], bool);
 
-/// Logistic loss.
+/// Fits with the logistic loss.
 fn fit(examples: &[Example], seed: u64) -> Option<Mlp> {
     let mut random = Random::new(seed, &[0xC1]);
     let mut mlp = Mlp::new(&CLUSTER_SCORER_WIDTHS, &mut random);
@@ -134,7 +133,7 @@ mod tests {
         let mut random = Random::new(2, &[]);
         let mut draw = |is_object: bool| {
             let mut f = [0; FEATURES].map(|_| random.normal() as f32);
-            // Leaves scatter; sizes say nothing.
+            // Leaves scatter; sizes give no information.
             f[7] += if is_object { -2.0 } else { 2.0 };
             (f, is_object)
         };
@@ -147,7 +146,7 @@ mod tests {
         let right = examples.iter().zip(&logits);
         let right = right.filter(|((_, is_object), x)| (**x > 0.0) == *is_object);
         assert!(right.count() > 560);
-        // The vehicle's forward pass gives the same.
+        // The vehicle's forward pass gives the same logits.
         let scorer = as_scorer(mlp);
         for ((f, _), x) in examples.iter().zip(&logits) {
             assert_eq!(scorer.logit(f), *x);

@@ -1,39 +1,39 @@
-//! What the training split says before training: mean sizes of its objects, and objects to paste into other scans.
+//! Statistics and samples of the training split: mean sizes of its objects, and objects to paste into other scans.
 
 use mluc_geometry::{Box3, Inside};
 use rayon::prelude::*;
 
 use crate::{error::TrainError, source::ScanSource};
 
-/// Fewer points make no object worth pasting (the public SECOND configuration).
+/// Minimum number of points of an object to paste (the public SECOND configuration).
 const SAMPLE_POINTS_MIN: usize = 5;
-/// Objects kept of each class: bounds the memory.
+/// Maximum number of objects kept per class, to limit memory.
 const SAMPLES_PER_CLASS_MAX: usize = 4000;
-/// Frames read at a time.
+/// Number of frames read at a time.
 const CHUNK_FRAMES: usize = 64;
 
 /// An object cut out of its scan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sample {
-    /// Known class; `None` of a synthetic unknown one.
+    /// Known class; `None` for a synthetic unknown object.
     pub class: Option<usize>,
-    /// Where it stood.
+    /// Its box in the original scan.
     pub bounds: Box3,
-    /// Its points, in place.
+    /// Its points, at their original positions.
     pub points: Vec<[f32; 4]>,
 }
 
-/// Objects, one list a class.
+/// Objects, one list per class.
 pub type Database = Vec<Vec<Sample>>;
 
 /// Mean l, w, h (m) and mean z of the bottom (m) of a class.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MeanBox {
-    /// l, w, h.
+    /// Mean l, w, h.
     pub size_m: [f32; 3],
-    /// z.
+    /// Mean z of the bottom.
     pub bottom_z_m: f32,
-    /// Objects averaged.
+    /// Number of averaged objects.
     pub count: usize,
 }
 
@@ -61,7 +61,7 @@ pub fn mean_boxes(source: &ScanSource, classes: usize) -> Result<Vec<MeanBox>, T
     Ok(sums.into_iter().map(mean).collect())
 }
 
-/// The objects of the first `frames` frames.
+/// Collects the objects of the first `frames` frames.
 pub fn build(source: &ScanSource, classes: usize, frames: usize) -> Result<Database, TrainError> {
     let mut database = vec![vec![]; classes];
     let frames: Vec<usize> = (0..frames.min(source.count())).collect();

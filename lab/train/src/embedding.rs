@@ -1,48 +1,48 @@
-//! The point embedding of the OSIS baseline (Wong et al., CoRL 2019, as the paper modified it): each point's place on the map's
-//! features, brought near to the points of its object and away from others, on a trunk that is not trained further.
+//! The point embedding of the OSIS baseline (Wong et al., CoRL 2019, as the paper modified it). Each point is embedded from the map's features,
+//! close to the points of its object and far from others, on a trunk that is not trained further.
 //!
 //! A point is associated with the mean embedding of an instance, with one of a few background prototypes, or with the
-//! unknown, which is one learned number. In training some instances have no prototype: their points are to be unknown.
+//! unknown, which has one learned score. In training some instances have no prototype: the target of their points is the unknown.
 
 use mluc_geometry::Random;
 use mluc_model::{BASELINE, Manifest, WeightSet};
 
 use crate::{layers::add, mlp::Mlp};
 
-/// Values of an embedding.
+/// Number of values of an embedding.
 pub const WIDTH: usize = 16;
 const HIDDEN: usize = 64;
-/// Prototypes of the background.
+/// Number of background prototypes.
 pub const BACKGROUNDS: usize = 4;
-/// Inputs of a point besides its cell's features: height, and place in the cell.
+/// Inputs of a point in addition to its cell's features: height, and position in the cell.
 const GEOMETRY: usize = 3;
-/// Points of an instance may lie this far from their mean,
+/// Distance of an instance's point from its mean without a pull loss.
 const PULL_WITHIN: f32 = 0.5;
-/// and means of two instances have to lie this far apart.
+/// Distance of the means of two instances without a push loss.
 const PUSH_APART: f32 = 1.5;
 
-/// Layers, background prototypes, and the unknown's score.
+/// Layers, background prototypes, and the score of the unknown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointEmbedding {
-    /// Features to embedding. After the layers' parameters come the background prototypes (`[prototype][value]`) and the log weight of the unknown.
+    /// Layers from features to embedding. After their parameters: background prototypes (`[prototype][value]`) and the log weight of the unknown.
     pub mlp: Mlp,
 }
 
-/// A frame's feature rows by cell.
+/// The feature rows of a frame, by cell.
 pub struct FrameFeatures<'a> {
-    /// Row of each cell of the map; `u32::MAX`: none.
+    /// Row of each cell of the map; `u32::MAX`: no row.
     row_of: Vec<u32>,
     rows: &'a [f32],
     channels: usize,
     origin_m: [f32; 2],
     cell_m: [f32; 2],
-    /// Rows and columns of the map.
+    /// Number of rows and columns of the map.
     shape: [usize; 2],
     sensor_height_m: f32,
 }
 
 impl<'a> FrameFeatures<'a> {
-    /// From what the backbone wrote.
+    /// Features from the backbone's output.
     pub fn new(manifest: &Manifest, cells: &[u32], rows: &'a [f32]) -> FrameFeatures<'a> {
         let network = &manifest.network;
         let shape = network.map_shape();
@@ -63,7 +63,7 @@ impl<'a> FrameFeatures<'a> {
         }
     }
 
-    /// Appends the inputs of a point; false outside of the map.
+    /// Appends the inputs of a point; returns false outside the map.
     pub fn append(&self, at_m: [f32; 3], to: &mut Vec<f32>) -> bool {
         let place = [0, 1].map(|i| (at_m[i] - self.origin_m[i]) / self.cell_m[i]);
         let [rows, columns] = self.shape;
@@ -88,9 +88,9 @@ impl<'a> FrameFeatures<'a> {
 pub struct PointLoss {
     /// The sum of association, pull and push.
     pub value: f64,
-    /// By point.
+    /// Gradient of each point's embedding.
     pub embedding: Vec<f32>,
-    /// Of the background prototypes, then of the unknown's score.
+    /// Gradient of the background prototypes, then of the score of the unknown.
     pub own: Vec<f32>,
 }
 
@@ -114,7 +114,7 @@ fn add_difference(to: &mut [f32], factor: f32, a: &[f32], b: &[f32]) {
 }
 
 impl PointEmbedding {
-    /// Before training, for a network of so many feature channels.
+    /// The initial embedding, for a network with this number of feature channels.
     pub fn new(channels: usize, seed: u64) -> PointEmbedding {
         let mut random = Random::new(seed, &[0x0515]);
         let mut mlp = Mlp::new(&[channels + GEOMETRY, HIDDEN, HIDDEN, WIDTH], &mut random);
@@ -123,7 +123,7 @@ impl PointEmbedding {
         PointEmbedding { mlp }
     }
 
-    /// The layers, the background prototypes, the unknown's score.
+    /// The layers, the background prototypes, the score of the unknown.
     fn parts(&self) -> (&[f32], &[f32], f32) {
         let all = &self.mlp.parameters;
         let (rest, unknown) = all.split_at(all.len() - 1);
@@ -131,7 +131,7 @@ impl PointEmbedding {
         (layers, background, unknown[0])
     }
 
-    /// Probabilities of the instances (prototypes `[instance][value]`), the background, and the unknown, which is last.
+    /// Probabilities of the instances (prototypes `[instance][value]`), of the background, and last of the unknown.
     pub fn associate(&self, embedding: &[f32], prototypes: &[f32]) -> Vec<f32> {
         let near = |prototype: &[f32]| logit(embedding, prototype);
         let (_, background, unknown) = self.parts();
@@ -145,8 +145,8 @@ impl PointEmbedding {
         logits.iter().map(|l| (l - most).exp() / sum).collect()
     }
 
-    /// `owner`: the instance of each point, `None` for background; instances `held_out` have no prototype, so that their points are
-    /// to be unknown. Means are taken as given but for the push.
+    /// `owner`: the instance of each point, `None` for background; instances in `held_out` have no prototype, so the target of their points
+    /// is the unknown. Means are treated as constants, except in the push loss.
     pub fn loss(&self, points: &[f32], owner: &[Option<usize>], held_out: &[bool]) -> PointLoss {
         let (means, counts) = means(points, owner, held_out.len());
         let mut loss = PointLoss {
@@ -201,7 +201,7 @@ impl PointEmbedding {
         loss
     }
 
-    /// Into a model's weights.
+    /// Writes it into a model's weights.
     pub fn write(&self, weights: &mut WeightSet) {
         let (layers, background, unknown) = self.parts();
         for (part, shape, values) in [
@@ -214,7 +214,7 @@ impl PointEmbedding {
         }
     }
 
-    /// From a model's weights; `None` where they are not there or of other sizes.
+    /// Reads it from a model's weights; `None` where it is missing or has other sizes.
     pub fn read(weights: &WeightSet, channels: usize) -> Option<PointEmbedding> {
         let mut embedding = PointEmbedding::new(channels, 0);
         let find = |part: &str| weights.find(&format!("{BASELINE}osis.{part}"));
@@ -226,7 +226,7 @@ impl PointEmbedding {
         Some(embedding)
     }
 
-    /// The loss of a frame's points from their inputs, and the gradient of every parameter.
+    /// The loss of a frame's points from their inputs, and the gradient of all parameters.
     pub(crate) fn step(
         &self,
         input: Vec<f32>,
@@ -242,7 +242,7 @@ impl PointEmbedding {
     }
 }
 
-/// That the softmax of `logits` is at any of the targets, and the slope of each logit.
+/// Cross entropy of the softmax of `logits` for any of the targets, and the derivative for each logit.
 fn cross_entropy(logits: &[f32], is_target: impl Fn(usize) -> bool) -> (f32, Vec<f32>) {
     let most = logits.iter().copied().fold(f32::MIN, f32::max);
     let e: Vec<f32> = logits.iter().map(|l| (l - most).exp()).collect();
@@ -254,13 +254,13 @@ fn cross_entropy(logits: &[f32], is_target: impl Fn(usize) -> bool) -> (f32, Vec
     ((sum / wanted).ln(), slopes)
 }
 
-/// The points that an instance owns, with its number.
+/// Each point that belongs to an instance, with the instance's number.
 fn owned(owner: &[Option<usize>]) -> impl Iterator<Item = (usize, usize)> {
     let points = owner.iter().enumerate();
     points.filter_map(|(i, k)| Some((i, (*k)?)))
 }
 
-/// Mean embedding of each instance, and its points.
+/// Mean embedding of each instance, and its number of points.
 pub fn means(points: &[f32], owner: &[Option<usize>], instances: usize) -> (Vec<f32>, Vec<usize>) {
     let (mut means, mut counts) = (vec![0.0f32; instances * WIDTH], vec![0; instances]);
     for (i, k) in owned(owner) {
@@ -273,7 +273,7 @@ pub fn means(points: &[f32], owner: &[Option<usize>], instances: usize) -> (Vec<
     (means, counts)
 }
 
-/// Means of two instances nearer than [`PUSH_APART`] push each other's points away.
+/// Push loss: means of two instances closer than [`PUSH_APART`] push each other's points away.
 fn push(owner: &[Option<usize>], means: &[f32], counts: &[usize], loss: &mut PointLoss) {
     let present: Vec<usize> = (0..counts.len()).filter(|k| counts[*k] > 0).collect();
     let pairs = (present.len() * present.len().saturating_sub(1)).max(1) as f32;

@@ -8,7 +8,7 @@ use mluc_model::{Manifest, WeightSet, expected_tensors};
 
 use crate::{error::TrainError, layers::Layer, network::Chain, trainer::TrainState};
 
-/// Weights in the model file's order of axes.
+/// Weights in the axis order of the model file.
 pub fn weights(chain: &Chain, state: &TrainState) -> WeightSet {
     let mut set = WeightSet::new();
     let mut expected = expected_tensors(&chain.network).into_iter();
@@ -37,11 +37,11 @@ pub fn weights(chain: &Chain, state: &TrainState) -> WeightSet {
     set
 }
 
-/// The axes of a layer's weights in a file, slowest first: how many, and how far apart they lie in `[tap][in][out]` (up:
+/// The axes of a layer's weights in a file, slowest first: length, and stride in `[tap][in][out]` (up layers:
 /// `[in][place][out]`).
 pub(crate) type Axes = [(usize, usize); 3];
 
-/// Those of a layer.
+/// The axes of a layer.
 pub(crate) fn axes(chain: &Chain, layer: &Layer) -> Axes {
     let (taps, cin, cout, channels) = (layer.taps, layer.cin, layer.cout, layer.channels);
     let (output, input, tap) = ((cout, 1), (cin, cout), (taps, cin * cout));
@@ -54,13 +54,13 @@ pub(crate) fn axes(chain: &Chain, layer: &Layer) -> Axes {
     }
 }
 
-/// Where the file's `i`-th value lies.
+/// Index in memory of the file's `i`-th value.
 pub(crate) fn place([(_, first), (count, second), (last_count, last)]: Axes, i: usize) -> usize {
     let (rest, z) = (i / last_count, i % last_count);
     rest / count * first + rest % count * second + z * last
 }
 
-/// The largest objectness (of a sigmoid head, class probability) that a network gives to a scan without points.
+/// The largest objectness (for a sigmoid head, class probability) that a network outputs for a scan without points.
 pub fn empty_objectness_max(manifest: &Manifest, weights: &WeightSet) -> Result<f32, TrainError> {
     let rows = Backbone::new(manifest, weights)?.empty_rows()?;
     let head = Head::new(manifest, weights)?;

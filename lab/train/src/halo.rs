@@ -1,9 +1,9 @@
-//! Which cells of a bird's-eye map need a row of their own: the halo.
+//! Which cells of a bird's-eye map need their own row: the halo.
 //!
-//! Most cells of the map see no voxel through the few convolutions before them. Away from the map's border all such
-//! cells hold the same vector, so one **background row** stands for all of them, with its multiplicity. A cell is
-//! **listed** (has its own row) when one of its taps reads a listed cell or padding. This is exact: no cell that could
-//! differ is left out. Rows of a map: the listed cells in order (frame, y, x), then the background row.
+//! Most cells of the map see no voxel through the few convolutions before them. Away from the map's border all such cells
+//! have the same vector, so one **background row** represents all of them, with its multiplicity. A cell is
+//! **listed** (has its own row) when one of its taps reads a listed cell or padding. This is exact: every cell that could
+//! differ is listed. Rows of a map: the listed cells in order (frame, y, x), then the background row.
 
 use mluc_kernels::{ABSENT, Gather};
 
@@ -14,14 +14,14 @@ use crate::{layers::LayerPlan, norm::Tail};
 pub struct Cells {
     /// Frames, rows (y), columns (x).
     pub shape: [usize; 3],
-    /// Row of each cell of the dense map; unlisted: the background row [`Cells::background`].
+    /// Row of each cell of the dense map; for an unlisted cell the background row [`Cells::background`].
     pub row_of: Vec<u32>,
     /// Dense index of each listed cell, ascending.
     pub listed: Vec<u32>,
 }
 
 impl Cells {
-    /// From marks of a dense map.
+    /// The cells that are marked in a dense map.
     pub fn from_marks(shape: [usize; 3], marks: &[bool]) -> Cells {
         let listed = (0..marks.len() as u32).filter(|cell| marks[*cell as usize]);
         let listed: Vec<u32> = listed.collect();
@@ -36,17 +36,17 @@ impl Cells {
         }
     }
 
-    /// The row that stands for every unlisted cell.
+    /// The row that represents every unlisted cell.
     pub fn background(&self) -> u32 {
         self.listed.len() as u32
     }
 
-    /// Listed cells and the background.
+    /// Number of listed cells plus the background.
     pub fn rows(&self) -> usize {
         self.listed.len() + 1
     }
 
-    /// The background as so many rows.
+    /// The background as this number of rows.
     pub fn tail(&self, rows: usize) -> Tail {
         let multiplicity = self.row_of.len() - self.listed.len();
         Tail { rows, multiplicity }
@@ -60,7 +60,7 @@ impl Cells {
     }
 }
 
-/// What unlisted cells of a convolution's input hold.
+/// Values of the unlisted cells in a convolution's input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unlisted {
     /// Zero, like padding: the scattered sparse map. There is no background row to read.
@@ -79,7 +79,7 @@ pub fn convolution(input: &Cells, stride: usize, unlisted: Unlisted) -> (LayerPl
         let (frame, y, x) = output.place(cell);
         for tap in 0..9 {
             let (ty, tx) = (y * stride + tap / 3, x * stride + tap % 3);
-            // Padding 1: tap coordinates are one too large.
+            // With padding 1, tap coordinates are one too large.
             if ty == 0 || tx == 0 || ty > rows || tx > columns {
                 index.push(ABSENT);
                 continue;

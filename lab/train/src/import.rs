@@ -1,7 +1,7 @@
-//! Starts a run from the weights of another network: trunk, and the rows of the heads that mean the same.
+//! Starts a run from the weights of another network: the trunk, and the rows of the heads with the same meaning.
 //!
-//! A head's row is known by what it says (`presence car/0`: the first anchor of `car` holds something), so that a network
-//! with other classes or another kind of head takes what it can. The rest keeps its fresh start, and is named.
+//! A head's row is identified by its meaning (`presence car/0`: the first anchor of `car` is on an object), so that a network
+//! with other classes or another kind of head takes all matching rows. The rest keeps its fresh start, and is reported.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -15,13 +15,13 @@ use crate::{
     trainer::Trainer,
 };
 
-/// The model file of `path`: itself, or that of a run's folder.
+/// The model file at `path`: the file itself, or the model file in a run's folder.
 pub(crate) fn model_path(path: &Path) -> PathBuf {
     let inside = path.is_dir().then(|| path.join("model.safetensors"));
     inside.unwrap_or_else(|| path.to_owned())
 }
 
-/// Takes what fits into `trainer`; says what it took. `path`: as at [`model_path`].
+/// Copies all matching weights into `trainer`; returns a report. `path`: as in [`model_path`].
 pub(crate) fn start_from(
     path: &Path,
     manifest: &Manifest,
@@ -63,7 +63,7 @@ pub(crate) fn start_from(
     ))
 }
 
-/// Copies the layers of the same name and shape, the first one where voxels tell the same; returns the names of the others.
+/// Copies the layers of the same name and shape; the first layer only where the voxel input is the same. Returns the names of the others.
 fn take_trunk(weights: &WeightSet, trainer: &mut Trainer, is_alike: bool) -> Vec<String> {
     let (chain, state) = (&trainer.chain, &mut trainer.state);
     let mut fresh = vec![];
@@ -94,7 +94,7 @@ fn take_trunk(weights: &WeightSet, trainer: &mut Trainer, is_alike: bool) -> Vec
     fresh
 }
 
-/// What each row of a head says.
+/// The meaning of each row of a head.
 fn row_names(head: &str, manifest: &Manifest) -> Vec<String> {
     let names = |of: &[AnchorClass]| of.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
     let (classes, agnostic) = (names(&manifest.classes), names(&manifest.generic));
@@ -123,7 +123,7 @@ fn row_names(head: &str, manifest: &Manifest) -> Vec<String> {
     rows
 }
 
-/// The rows of a model's heads by what they say: head and number.
+/// The rows of a model's heads by meaning: head and row number.
 fn rows_of(model: &Model) -> BTreeMap<String, (&'static str, usize)> {
     let heads = model.manifest.network.heads().into_iter();
     let rows = heads.flat_map(|(head, _)| {
@@ -133,8 +133,8 @@ fn rows_of(model: &Model) -> BTreeMap<String, (&'static str, usize)> {
     rows.collect()
 }
 
-/// Copies row `number` of the head `from` of a model to row `row` of `head`; whether it is there. Embeddings are scaled so that
-/// their probabilities stay: those depend on T f alone.
+/// Copies row `number` of a model's head `from` to row `row` of `head`; returns false where it does not exist. Embeddings are scaled so that
+/// their probabilities stay the same: these depend only on T f.
 fn copy_row(
     model: &Model,
     (from, number): (&str, usize),

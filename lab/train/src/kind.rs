@@ -1,4 +1,4 @@
-//! What can be trained: classes and range, size of the network, and what its heads learn.
+//! Options of training: classes and range, size of the network, and the task of its heads.
 
 use clap::ValueEnum;
 use mluc_model::{Grid, HeadKind, Network, VoxelInput};
@@ -48,7 +48,7 @@ pub enum NetworkKind {
 }
 
 impl NetworkKind {
-    /// `metric` and so on, as on the command line.
+    /// The name on the command line, such as `metric`.
     pub fn name(self) -> String {
         let value = self.to_possible_value().expect("no kind is skipped");
         value.get_name().to_owned()
@@ -59,7 +59,7 @@ impl NetworkKind {
         matches!(self, NetworkKind::MetricOpen | NetworkKind::MlucFull)
     }
 
-    /// The head of its model file.
+    /// The head kind in its model file.
     pub fn head(self) -> HeadKind {
         match self {
             NetworkKind::Metric | NetworkKind::MetricOpen => HeadKind::Metric,
@@ -76,7 +76,7 @@ impl Setting {
         ["udi", "kitti", "any"][self as usize]
     }
 
-    /// Known classes.
+    /// Number of known classes.
     pub fn classes(self) -> usize {
         match self {
             Setting::Udi => 4,
@@ -84,7 +84,7 @@ impl Setting {
         }
     }
 
-    /// The unknown classes, which only the upper bound learns.
+    /// The unknown classes, which only the supervised upper bound learns.
     pub fn unknown_classes(self) -> [&'static str; 2] {
         match self {
             Setting::Udi => ["golf_cart", "forklift"],
@@ -92,10 +92,10 @@ impl Setting {
         }
     }
 
-    /// Objects of a class that a frame holds after pasting: a choice.
+    /// Wanted number of objects of a class in a frame after pasting: a choice.
     pub(crate) fn objects_wanted(self, class: &str) -> usize {
         match (self, class) {
-            // Its scans are full, and an object cut out of one sensor's scan is none of another's.
+            // These scans already have many objects, and an object from one sensor's scan does not fit another sensor.
             (Setting::Any, _) => 0,
             (Setting::Udi, "car") => 8,
             (Setting::Kitti, "car") => 15,

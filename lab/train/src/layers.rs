@@ -1,4 +1,4 @@
-//! One convolution with batch norm and ReLU, and a head: forward and backward on rows.
+//! One convolution with batch norm and ReLU, and a head: forward and backward passes on rows.
 
 use std::ops::Range;
 
@@ -7,41 +7,41 @@ use mluc_kernels::{Element, Epilogue, Gather, Weights, convolve, weight_gradient
 use crate::norm::{self, Activation, Statistics, Tail};
 use crate::pool::{Pool, round};
 
-/// Which rows a layer reads and writes in one batch.
+/// The rows that a layer reads and writes in one batch.
 #[derive(Clone, Debug, Default)]
 pub struct LayerPlan {
-    /// Rows of the output by the rows of the input they read.
+    /// For each output row the input rows that it reads.
     pub gather: Gather,
-    /// Rows of the input (without the background) by the output rows that read them, for the input's gradient; `None` where nobody wants it.
+    /// For each input row (without the background) the output rows that read it, for the input's gradient; `None` where that is not needed.
     pub transposed: Option<Gather>,
-    /// The last input row, where it stands for many cells and so has many readers.
+    /// The last input row, where it represents many cells and so has many readers.
     pub background: Option<u32>,
-    /// The last output rows, which stand for many cells.
+    /// The last output rows, which represent many cells.
     pub tail: Tail,
 }
 
-/// Where a layer's numbers lie in the flat list of parameters.
+/// A layer and the positions of its numbers in the flat parameter list.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
-    /// `backbone2d.block1.0`, for instance.
+    /// Name, such as `backbone2d.block1.0`.
     pub name: String,
-    /// Taps of the kernel as the gather sees it.
+    /// Number of kernel taps in the gather.
     pub taps: usize,
     /// Input channels.
     pub cin: usize,
     /// Columns of the weights: `channels`, or 4 * `channels` for the 2x2 transposed convolution.
     pub cout: usize,
-    /// Channels of batch norm.
+    /// Number of batch norm channels.
     pub channels: usize,
-    /// `[tap][cin][cout]`.
+    /// Range of the weights, `[tap][cin][cout]`.
     pub weight: Range<usize>,
     /// Batch norm's scale.
     pub gamma: Range<usize>,
     /// Batch norm's shift; follows `gamma`.
     pub beta: Range<usize>,
-    /// Which running statistics are this layer's.
+    /// Index of this layer's running statistics.
     pub norm: usize,
-    /// Multiply in bf16, forward and backward; sums and all else stay f32.
+    /// Multiply in bf16, forward and backward; sums and everything else stay f32.
     pub bf16: bool,
 }
 
@@ -49,7 +49,7 @@ pub struct Layer {
 pub type RunningStatistics = Vec<Statistics>;
 
 impl Layer {
-    /// Batch statistics when `running` is `None`, else those given.
+    /// Uses batch statistics when `running` is `None`, else the given ones.
     pub fn forward(
         &self,
         parameters: &[f32],
@@ -78,7 +78,7 @@ impl Layer {
         Activation { x, y, statistics }
     }
 
-    /// Adds to the gradients of the parameters. `gradient` is that of the activation's `y`; returned is that of `input`, empty where the plan wants none.
+    /// Adds to the parameters' gradients. `gradient` is that of the activation's `y`; returns the gradient of `input`, empty without one in the plan.
     pub fn backward(
         &self,
         parameters: &[f32],
@@ -121,7 +121,7 @@ impl Layer {
         convolve(input, gather, &weights, Epilogue::default(), None, to);
     }
 
-    /// Gradient of the background row: for each tap, the sum of its readers' gradients times that tap's weights.
+    /// Gradient of the background row: for each tap, the sum of its readers' gradients times the weights of that tap.
     fn background_gradient(
         &self,
         weights: &[f32],
@@ -166,7 +166,7 @@ pub(crate) fn forward_all(
     activations
 }
 
-/// The gradient of the first layer's input, from that of the last one's output.
+/// The gradient of the first layer's input, from the gradient of the last layer's output.
 pub(crate) fn backward_all(
     layers: &[Layer],
     parameters: &[f32],
@@ -198,27 +198,27 @@ pub(crate) fn identity(rows: usize) -> Gather {
 /// A 1x1 convolution with a bias: a head.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Linear {
-    /// `head.box`, for instance.
+    /// Name, such as `head.box`.
     pub name: String,
     /// Input channels.
     pub cin: usize,
     /// Output channels.
     pub cout: usize,
-    /// `[cin][cout]`.
+    /// Range of the weights, `[cin][cout]`.
     pub weight: Range<usize>,
-    /// `cout` values.
+    /// Range of the bias, `cout` values.
     pub bias: Range<usize>,
 }
 
 impl Linear {
-    /// `cout` outputs a row.
+    /// Gives `cout` outputs per row.
     pub fn forward(&self, parameters: &[f32], input: &[f32]) -> Vec<f32> {
         let plain = &parameters[self.weight.clone()];
         let bias = Some(&parameters[self.bias.clone()]);
         linear(input, [self.cin, self.cout], plain, bias)
     }
 
-    /// Adds to the parameters' gradients and to the input's.
+    /// Adds to the gradients of the parameters and of the input.
     pub fn backward(
         &self,
         parameters: &[f32],
@@ -253,7 +253,7 @@ pub(crate) fn linear(
     output
 }
 
-/// From the gradient of [`linear`]'s output: adds that of the weights to `to`, and writes that of the input to `back`.
+/// From the gradient of [`linear`]'s output: adds the weights' gradient to `to`, and writes the input's gradient to `back`.
 pub(crate) fn linear_backward(
     input: &[f32],
     [cin, cout]: [usize; 2],
@@ -267,7 +267,7 @@ pub(crate) fn linear_backward(
     gradients([input, gradient], gathers, [1, cin, cout], plain, to, back);
 }
 
-/// From the gradient of a convolution's output: adds that of the weights `[tap][cin][cout]`, and writes that of the input where it is wanted.
+/// From a convolution's output gradient: adds the gradient of the weights `[tap][cin][cout]`, and writes the input's gradient where it is needed.
 fn gradients<I: Element<Sum = f32>>(
     [input, gradient]: [&[I]; 2],
     (gather, transposed): (&Gather, Option<&Gather>),

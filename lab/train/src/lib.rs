@@ -1,7 +1,7 @@
-//! The trainer: labelled scans to a model file.
+//! The trainer: from labelled scans to a model file.
 //!
-//! No framework: the network is a fixed chain of convolution, batch norm and ReLU on lists of rows, its backward pass is written by hand on the same kernels
-//! that drive the vehicle, and the bird's-eye part computes only the cells that can differ from an empty scene ([`halo`]), which is exact.
+//! It uses no framework. The network is a fixed chain of convolution, batch norm and ReLU on lists of rows. Its backward pass is written by hand on
+//! the same kernels as the vehicle's runtime. The bird's-eye part computes only the cells that can differ from an empty scene ([`halo`]), which is exact.
 
 pub mod anchors;
 pub mod augment;

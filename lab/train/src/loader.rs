@@ -1,6 +1,6 @@
-//! Prepares batches on threads of their own, a few steps ahead.
+//! Prepares batches on separate threads, a few steps ahead.
 //!
-//! Which frames a step sees and how they are varied depends on the seed and the step alone.
+//! The frames of a step and their augmentation depend only on the seed and the step.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -16,22 +16,22 @@ use crate::targets::{CellClass, CellLabel, Targets};
 use crate::{anchors::Anchors, batch_targets::BatchTargets, database::Database, error::TrainError};
 use crate::{scan::LabelledScan, settings::TrainSettings, source::ScanSource, stream, thin::thin};
 
-/// Batches of a thread that wait at most: bounds the memory.
+/// Maximum number of waiting batches per thread, to limit memory.
 const QUEUE: usize = 2;
 
-/// The weight of a frame's background cells together, where its objects' is 1.
+/// Total weight of a frame's background cells, where the total of its objects is 1.
 const BACKGROUND_SHARE: f32 = 0.5;
 
 /// A step's input.
 #[derive(Debug)]
 pub struct Batch {
-    /// Gathers.
+    /// Gathers of the layers.
     pub plan: Plan,
     /// Labels.
     pub targets: BatchTargets,
 }
 
-/// What batches are made of.
+/// Everything that batches are made from.
 #[derive(Clone)]
 pub struct DataLoader {
     source: ScanSource,
@@ -41,16 +41,16 @@ pub struct DataLoader {
     classes_m: Vec<[f64; 3]>,
     anchors: Anchors,
     planner: Planner,
-    /// Cells of a frame to label that hold points and no object.
+    /// Number of cells per frame to label as background: cells with points and without an object.
     background_cells: usize,
     batch: usize,
     seed: u64,
-    /// Which epoch, and its order of the frames.
+    /// The epoch, and its order of the frames.
     order: (u64, Vec<u32>),
 }
 
 impl DataLoader {
-    /// For a run, which varies its frames with the objects of `database` where it is asked to.
+    /// The loader of a run; it augments frames with the objects of `database` where the settings say so.
     pub fn new(
         settings: &TrainSettings,
         manifest: &Manifest,
@@ -92,7 +92,7 @@ impl DataLoader {
         self.order.1[(place % count) as usize] as usize
     }
 
-    /// A step's frames, and their labels but those of the background.
+    /// A step's frames, and their labels except those of background cells.
     fn frames(&mut self, step: u64) -> Result<Vec<(LabelledScan, Targets)>, TrainError> {
         let mut frames = vec![];
         for number in 0..self.batch as u64 {
@@ -147,7 +147,7 @@ impl DataLoader {
         Ok(bytes)
     }
 
-    /// Labels cells of a frame that hold points (`occupied`) and nothing else.
+    /// Labels cells of a frame as background that have points (`occupied`) and no other label.
     fn label_background(&self, mut occupied: Vec<u32>, targets: &mut Targets, place: u64) {
         if self.background_cells == 0 {
             return;
@@ -166,7 +166,7 @@ impl DataLoader {
         targets.cells.extend(occupied.into_iter().map(background));
     }
 
-    /// Batches of `steps` in order, as `prepare` makes them ahead on one thread for every four cores. The threads end when the queue is dropped.
+    /// Batches of `steps` in order, made ahead by `prepare` on one thread for every four cores. The threads end when the queue is dropped.
     pub fn spawn<T: Send + 'static>(
         self,
         steps: std::ops::Range<u64>,
@@ -191,7 +191,7 @@ impl DataLoader {
     }
 }
 
-/// Batches in the order of their steps; the threads take turns.
+/// Batches in the order of their steps; the threads supply them in rotation.
 pub struct BatchQueue<T = Batch>(VecDeque<Receiver<Result<T, TrainError>>>);
 
 impl<T> BatchQueue<T> {

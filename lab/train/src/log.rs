@@ -1,15 +1,15 @@
-//! The log of a run: `train.jsonl`, a line every few steps.
+//! The log of a run: `train.jsonl`, one line every few steps.
 
 use std::{fs::File, io::Write, path::PathBuf, time::Instant};
 
 use crate::{error::TrainError, losses::Losses, settings::TrainSettings};
 
-/// Steps that one line of the log averages.
+/// Number of steps averaged in one line of the log.
 const LOG_STEPS: u64 = 20;
 
-/// What a run says while it goes on.
+/// Events reported during a run.
 pub enum TrainEvent<'a> {
-    /// Something worth a line.
+    /// A message for the user.
     Note(String),
     /// A line of the log.
     Progress(&'a Progress),
@@ -18,26 +18,26 @@ pub enum TrainEvent<'a> {
 /// A line of `train.jsonl`: means over the steps since the last line.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
 pub struct Progress {
-    /// Steps done.
+    /// Number of steps done.
     pub step: u64,
-    /// Steps in all.
+    /// Total number of steps.
     pub steps: u64,
     /// Sum of the losses.
     pub loss: f64,
-    /// Each.
+    /// Each loss.
     pub losses: Losses,
-    /// Before clipping.
+    /// Norm of the gradient before clipping.
     pub gradient_norm: f64,
-    /// Learning rate; that of the last step.
+    /// Learning rate of the last step.
     pub rate: f64,
-    /// Frames a second.
+    /// Frames per second.
     pub frames_per_s: f64,
     /// Seconds left.
     pub left_s: f64,
 }
 
 impl Progress {
-    /// What is averaged.
+    /// The values that are averaged.
     fn means_mut(&mut self) -> impl Iterator<Item = &mut f64> {
         let losses = self.losses.named_mut().into_iter().map(|(_, value)| value);
         losses.chain([&mut self.loss, &mut self.gradient_norm])
@@ -53,12 +53,12 @@ pub(crate) struct Log {
     since: Instant,
     steps: u64,
     batch: usize,
-    /// Seconds a step, smoothed.
+    /// Seconds per step, smoothed.
     pace_s: Option<f64>,
 }
 
 impl Log {
-    /// Goes on with the log of a run that has `begun`; what another run left there is moved to `train.old.jsonl`.
+    /// Continues the log of a run that has `begun`; otherwise an existing log is moved to `train.old.jsonl`.
     pub(crate) fn open(settings: &TrainSettings, begun: bool) -> Result<Log, TrainError> {
         let path = settings.out.join("train.jsonl");
         let open = || {
@@ -66,7 +66,7 @@ impl Log {
                 std::fs::rename(&path, path.with_extension("old.jsonl"))?;
             }
             let mut file = File::options().create(true).append(true).open(&path)?;
-            // An interruption may have cut the last line.
+            // An interruption may have truncated the last line.
             let written = std::fs::read(&path)?;
             let is_cut = written.last().is_some_and(|last| *last != b'\n');
             if is_cut {
@@ -86,7 +86,7 @@ impl Log {
         })
     }
 
-    /// Adds a step; a line when enough steps have come together.
+    /// Adds a step; returns a line after enough steps.
     pub(crate) fn add(&mut self, mut step: Progress) -> Result<Option<Progress>, TrainError> {
         let (done, rate) = (step.step, step.rate);
         let pairs = self.sum.means_mut().zip(step.means_mut());

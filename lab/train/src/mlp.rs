@@ -1,32 +1,32 @@
-//! A few dense layers with ReLU between them, forward and backward: for the OSIS baseline and the cluster scorer.
+//! Dense layers with ReLU between them, forward and backward: for the OSIS baseline and the cluster scorer.
 //!
-//! The sums are in the order of the refiner's own forward pass, which gives the same bits; the kernels' order is another.
+//! The order of summation is that of the refiner's forward pass, so the bits are the same; the kernels use another order.
 
 use mluc_geometry::Random;
 
 use crate::layers::add;
 
-/// Layers on rows.
+/// Dense layers on rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mlp {
-    /// Widths, the input's first.
+    /// Widths, starting with the input's.
     pub widths: Vec<usize>,
-    /// Layer after layer: `[in][out]`, then a bias of `[out]`. What follows is its owner's.
+    /// Layer by layer: `[in][out]`, then a bias of `[out]`. Further values belong to the owner of the layers.
     pub parameters: Vec<f32>,
 }
 
-/// What the layers left: their outputs, the input first.
+/// Outputs of the layers in a forward pass, starting with the input.
 pub struct Trace(Vec<Vec<f32>>);
 
 impl Trace {
-    /// The last layer's rows.
+    /// The rows of the last layer.
     pub fn output(&self) -> &[f32] {
         self.0.last().map_or(&[], Vec::as_slice)
     }
 }
 
 impl Mlp {
-    /// Uniform in +-1/sqrt(fan in).
+    /// Initial parameters: uniform in +-1/sqrt(fan in).
     pub fn new(widths: &[usize], random: &mut Random) -> Mlp {
         let mut parameters = vec![];
         for pair in widths.windows(2) {
@@ -49,7 +49,7 @@ impl Mlp {
         self.widths.windows(2).map(layer).collect()
     }
 
-    /// Runs rows of `widths[0]` values.
+    /// Runs the layers on rows of `widths[0]` values.
     pub fn forward(&self, input: Vec<f32>) -> Trace {
         let rows = input.len() / self.widths[0].max(1);
         let layers = self.layers();
@@ -73,7 +73,7 @@ impl Mlp {
         Trace(outputs)
     }
 
-    /// The gradient of every parameter from that of the output.
+    /// The gradient of all parameters from the gradient of the output.
     pub fn backward(&self, Trace(outputs): &Trace, gradient: Vec<f32>) -> Vec<f32> {
         let mut parameters = vec![0.0f32; self.parameters.len()];
         let mut dy = gradient;
@@ -91,7 +91,7 @@ impl Mlp {
                         let weights = weights[row.clone()].iter_mut().zip(dy);
                         weights.for_each(|(w, d)| *w += x[c] * d);
                     }
-                    // Beyond a ReLU that is shut nothing flows; the input itself wants no gradient.
+                    // Where a ReLU is 0 there is no gradient; the gradient of the input itself is not needed.
                     if number > 0 && x[c] > 0.0 {
                         dx[c] = plain[row].iter().zip(dy).map(|(w, d)| w * d).sum();
                     }

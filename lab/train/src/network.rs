@@ -1,8 +1,8 @@
 //! The network with its parameters, and its forward pass.
 //!
-//! Parameters are one flat list, so that optimiser, clipping and checkpoint see numbers and nothing else. The chain is
-//! that of [`mluc_model::Network`]: sparse layers, map, block 1, block 2, two ups, heads. The two ups are never
-//! concatenated at full size: objectness adds what each up contributes, and the other heads run on labelled cells alone.
+//! Parameters are one flat list, so that optimiser, clipping and checkpoint need only numbers. The chain is the one of
+//! [`mluc_model::Network`]: sparse layers, map, block 1, block 2, two ups, heads. The two ups are never concatenated at
+//! full size: objectness adds the contributions of the ups, and the other heads run only on labelled cells.
 
 use std::ops::Range;
 
@@ -17,15 +17,15 @@ use crate::pool::Pool;
 /// The heads' layers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Heads {
-    /// Objectness, a logit an anchor; of a sigmoid head a logit an anchor and class.
+    /// Objectness, one logit per anchor; for a sigmoid head one logit per anchor and class.
     pub presence: Linear,
-    /// One embedding a cell; a sigmoid head has none.
+    /// One embedding per cell; a sigmoid head has none.
     pub embedding: Option<Linear>,
-    /// Seven codes an anchor.
+    /// Seven codes per anchor.
     pub boxes: Linear,
-    /// Two bins an anchor.
+    /// Two bins per anchor.
     pub direction: Linear,
-    /// The logit of the unknown, one a cell, of an open head.
+    /// The unknown logit of an open head, one per cell.
     pub unknown: Option<Linear>,
 }
 
@@ -35,14 +35,14 @@ impl Heads {
         [&self.presence].into_iter().chain(self.of_labelled())
     }
 
-    /// Those that run on labelled cells alone.
+    /// The heads that run only on labelled cells.
     pub(crate) fn of_labelled(&self) -> impl Iterator<Item = &Linear> {
         let first = self.embedding.iter().chain([&self.boxes, &self.direction]);
         first.chain(&self.unknown)
     }
 }
 
-/// The network's layers, and where their numbers lie.
+/// The network's layers, and the positions of their parameters.
 #[derive(Clone, Debug)]
 pub struct Chain {
     /// The description.
@@ -53,17 +53,17 @@ pub struct Chain {
     pub block1: Vec<Layer>,
     /// Half-size layers.
     pub block2: Vec<Layer>,
-    /// Of block 1.
+    /// Up layer of block 1.
     pub up1: Layer,
-    /// Of block 2; 4 * channels columns, one set for each cell of 2x2.
+    /// Up layer of block 2; 4 * channels columns, one set for each cell of the 2x2.
     pub up2: Layer,
     /// Heads.
     pub heads: Heads,
-    /// Count of parameters.
+    /// Number of parameters.
     pub parameters: usize,
 }
 
-/// Hands out ranges of the flat list.
+/// Allocates ranges of the flat list.
 #[derive(Default)]
 struct Allocator {
     used: usize,
@@ -119,10 +119,10 @@ impl Allocator {
     }
 }
 
-/// What the heads give, or the gradient of the loss with respect to it.
+/// Outputs of the heads, or the gradient of the loss with respect to them.
 #[derive(Clone, Debug, Default)]
 pub struct Outputs {
-    /// Share of the presence logits by row of up 1 and of up 2 (the bias is in the first).
+    /// Contributions to the presence logits, by row of up 1 and of up 2 (the bias is in the first).
     pub presence: [Vec<f32>; 2],
     /// Embedding of each labelled cell.
     pub embedding: Vec<f32>,
@@ -130,35 +130,35 @@ pub struct Outputs {
     pub boxes: Vec<f32>,
     /// Direction logits of each labelled cell's anchors.
     pub direction: Vec<f32>,
-    /// Logit of the unknown of each labelled cell.
+    /// Unknown logit of each labelled cell.
     pub unknown: Vec<f32>,
 }
 
 impl Outputs {
-    /// In the order of [`Heads::of_labelled`], those that a head has.
+    /// The non-empty outputs, in the order of [`Heads::of_labelled`].
     pub(crate) fn of_labelled(&self) -> impl Iterator<Item = &Vec<f32>> {
         let all = [&self.embedding, &self.boxes, &self.direction, &self.unknown];
         all.into_iter().filter(|values| !values.is_empty())
     }
 }
 
-/// What both passes of a step read.
+/// Input of both passes of a step.
 #[derive(Clone, Copy)]
 pub struct StepInput<'a> {
-    /// Of the network.
+    /// Parameters of the network.
     pub parameters: &'a [f32],
     /// The rows of a batch.
     pub plan: &'a Plan,
-    /// Cells of the full map whose embedding, boxes and directions are wanted.
+    /// Cells of the full map for which embedding, boxes and directions are computed.
     pub labelled: &'a [u32],
-    /// Statistics for batch norm (evaluation); without them it takes the batch's own.
+    /// Statistics for batch norm (evaluation); with `None` it uses those of the batch.
     pub running: Option<&'a RunningStatistics>,
 }
 
-/// What the forward pass leaves.
+/// Results of the forward pass.
 #[derive(Debug, Default)]
 pub struct Pass {
-    /// Of the heads.
+    /// Outputs of the heads.
     pub outputs: Outputs,
     pub(crate) sparse: Vec<Activation>,
     pub(crate) map: Vec<f32>,
@@ -170,7 +170,7 @@ pub struct Pass {
 }
 
 impl<'a> StepInput<'a> {
-    /// With the batch's own statistics, as in training.
+    /// Input with the batch's own statistics, as in training.
     pub fn new(parameters: &'a [f32], plan: &'a Plan, labelled: &'a [u32]) -> StepInput<'a> {
         StepInput {
             parameters,
@@ -200,7 +200,7 @@ impl Chain {
         }
     }
 
-    /// Multiplies in bf16, where a layer's channels are worth it.
+    /// Multiplies in bf16 in layers with enough channels for a gain.
     pub fn use_bf16(&mut self) {
         let blocks = self.sparse.iter_mut().chain(&mut self.block1);
         let blocks = blocks.chain(&mut self.block2);
@@ -215,7 +215,7 @@ impl Chain {
         blocks.chain([&self.up1, &self.up2])
     }
 
-    /// First parameters: uniform in +-1/sqrt(fan in) (the default of the public implementations), batch norm 1 and 0;
+    /// Initial parameters: uniform in +-1/sqrt(fan in) (the default of the public implementations), batch norm 1 and 0;
     /// objectness starts at 0.01, boxes near 0, the embedding at the prototypes' centre T/C.
     pub fn initial(&self, seed: u64, prototype_scale: f32) -> Vec<f32> {
         let mut parameters = vec![0.0; self.parameters];
@@ -284,7 +284,7 @@ impl Chain {
         pass
     }
 
-    /// Sparse rows onto the map: channel = c * depth + z.
+    /// Writes sparse rows to the map: channel = c * depth + z.
     fn scatter(&self, rows: &[f32], plan: &MapPlan, pool: &mut Pool) -> Vec<f32> {
         let width = self.network.map_channels();
         let channels = self.sparse.last().map_or(0, |l| l.channels);
@@ -299,7 +299,7 @@ impl Chain {
         map
     }
 
-    /// The presence weights of up 1's channels and of up 2's.
+    /// The presence weights for the channels of up 1 and of up 2.
     pub(crate) fn presence_halves(&self) -> [Range<usize>; 2] {
         let head = &self.heads.presence;
         let middle = head.weight.start + self.up1.channels * head.cout;
@@ -332,7 +332,7 @@ impl Chain {
         pass.labelled_features = features;
     }
 
-    /// Rows of `cells`: up 1's channels, then up 2's.
+    /// Rows of `cells`: the channels of up 1, then of up 2.
     fn features(&self, plan: &MapPlan, cells: &[u32], [up1, up2]: [&[f32]; 2]) -> Vec<f32> {
         let (width1, width2) = (self.up1.channels, self.up2.channels);
         let mut rows = Vec::with_capacity(cells.len() * (width1 + width2));
@@ -352,7 +352,7 @@ impl Pass {
         blocks.chain([&self.up1, &self.up2]).map(|a| &a.statistics)
     }
 
-    /// Gives the maps back for the next step.
+    /// Returns the maps to the pool for the next step.
     pub fn recycle(self, pool: &mut Pool) {
         let blocks = self.sparse.into_iter().chain(self.block1);
         let blocks = blocks.chain(self.block2);

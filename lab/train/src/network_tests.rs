@@ -9,10 +9,8 @@ use mluc_model::{HeadKind, Manifest, Network};
 use crate::losses::{self, LossSettings};
 use crate::network::{Chain, Outputs, Pass, StepInput};
 use crate::plan::{MapPlan, Plan, Planner};
-use crate::pool::Pool;
-use crate::scan::LabelledObject;
-use crate::testing::assert_slope;
-use crate::{anchors::Anchors, batch_targets::BatchTargets, halo::Cells};
+use crate::{anchors::Anchors, pool::Pool, scan::LabelledObject, testing::assert_slope};
+use crate::{batch_targets::BatchTargets, halo::Cells};
 
 const LOSSES: LossSettings = LossSettings {
     prototype_scale: 2.0,

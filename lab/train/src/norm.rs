@@ -1,8 +1,8 @@
-//! Batch norm (Ioffe and Szegedy, arXiv 1502.03167) and ReLU over rows, the last of which may stand for many (see [`crate::halo`]).
+//! Batch norm (Ioffe and Szegedy, arXiv 1502.03167) and ReLU over rows, the last of which may represent many cells (see [`crate::halo`]).
 //!
-//! Statistics are those of the dense map: a tail row counts as often as it stands for a cell. In the backward pass the
-//! gradient of a tail row is the **sum** over its cells. Sums, in f64, are taken over parts that the number of rows alone
-//! decides, added in order, so that the result does not depend on the number of threads.
+//! Statistics are those of the dense map: a tail row counts once for each of its cells. In the backward pass the
+//! gradient of a tail row is the **sum** over its cells. Sums, in f64, are taken over parts that depend only on the number of
+//! rows, added in order, so that the result does not depend on the number of threads.
 
 use mluc_kernels::at_best;
 use rayon::prelude::*;
@@ -10,19 +10,19 @@ use rayon::prelude::*;
 /// Batch norm's epsilon in every layer (the public SECOND configurations).
 pub const EPSILON: f32 = 1e-3;
 
-/// Rows of a task.
+/// Rows per task.
 const CHUNK_ROWS: usize = 512;
-/// Most parts of a sum.
+/// Maximum number of parts of a sum.
 const PARTS_MAX: usize = 32;
-/// Fewest rows of such a part.
+/// Minimum number of rows of such a part.
 const PART_ROWS_MIN: usize = 256;
 
-/// The last rows of a map and how many cells each stands for.
+/// The last rows of a map and the number of cells that each represents.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tail {
-    /// How many of the last rows are weighted.
+    /// Number of last rows with a weight.
     pub rows: usize,
-    /// Cells that each stands for; 0 takes the row out of the statistics.
+    /// Number of cells per row; 0 excludes the row from the statistics.
     pub multiplicity: usize,
 }
 
@@ -33,23 +33,23 @@ pub struct Statistics {
     pub mean: Vec<f32>,
     /// Biased variance of each channel; times `count / (count - 1)` it is the unbiased one.
     pub var: Vec<f32>,
-    /// Rows, those of the tail counted with their multiplicity.
+    /// Number of rows, with tail rows counted by their multiplicity.
     pub count: f64,
 }
 
-/// What a layer leaves for its backward pass.
+/// Results of a layer for its backward pass.
 #[derive(Clone, Debug, Default)]
 pub struct Activation {
-    /// Before batch norm.
+    /// Values before batch norm.
     pub x: Vec<f32>,
-    /// After ReLU.
+    /// Values after ReLU.
     pub y: Vec<f32>,
-    /// Used by batch norm.
+    /// Statistics used by batch norm.
     pub statistics: Statistics,
 }
 
 impl Tail {
-    /// Of a map of so many rows; the last one is apart in any case.
+    /// The tail for a map of `rows` rows; the last row is always separate.
     fn of(self, rows: usize) -> Tail {
         let last = Tail {
             rows: rows.min(1),
@@ -59,7 +59,7 @@ impl Tail {
     }
 }
 
-/// Sums over rows of the two numbers of `f(x, g, m)`, by channel; the rows from value `body` on have a weight.
+/// Sums of the two numbers of `f(x, g, m)` over rows, by channel; the rows from value `body` on have a weight.
 fn reduce(
     [x, g]: [&[f32]; 2],
     m: &[f32],
@@ -95,7 +95,7 @@ fn reduce(
     })
 }
 
-/// Batch norm while training: the statistics of `x`, and `y` by them. `affine`: scale and shift by channel.
+/// Batch norm in training: the statistics of `x`, and the `y` that they give. `affine`: scale and shift by channel.
 pub fn forward(x: &[f32], affine: [&[f32]; 2], tail: Tail, y: &mut [f32]) -> Statistics {
     let [gamma, _] = affine;
     let channels = gamma.len();
@@ -141,7 +141,7 @@ pub fn normalise(x: &[f32], [gamma, beta]: [&[f32]; 2], statistics: &Statistics,
     chunks.for_each(|(y, x)| at_best(|| work(y, x)));
 }
 
-/// The gradient of [`forward`]: `gradient` enters as that of `y` and leaves as that of `x`; the gradients of scale and shift are added to `affine`.
+/// The gradient of [`forward`]: `gradient` is that of `y` on entry and that of `x` on return; the gradients of scale and shift are added to `affine`.
 pub fn backward(
     Activation { x, y, statistics }: &Activation,
     tail: Tail,
@@ -157,7 +157,7 @@ pub fn backward(
         values.for_each(|(g, y)| *g = if *y > 0.0 { *g } else { 0.0 });
     });
     let (mean, count) = (&statistics.mean, statistics.count.max(1.0));
-    // Every row's gradient is already the sum over its cells, so each counts once.
+    // Every row's gradient is already the sum over its cells, so each row counts once.
     let all = (x.len(), 1);
     let products = |g: f32, x: f32, m: f32| [f64::from(g), f64::from(g * (x - m))];
     let [sum, product] = reduce([gradient, x], mean, all, products);
@@ -177,7 +177,7 @@ pub fn backward(
             let terms = scale.iter().zip(&constant).zip(&slope);
             let values = x.iter().zip(mean).zip(terms);
             for (g, ((x, mean), ((scale, constant), slope))) in g.iter_mut().zip(values) {
-                // Constant and slope are scaled already.
+                // Constant and slope are already scaled.
                 *g = scale * *g - weight * (constant + (x - mean) * slope);
             }
         }
@@ -195,7 +195,7 @@ mod tests {
     use super::*;
     use mluc_geometry::Random;
 
-    /// `of` values around `mean`.
+    /// `of` random values around `mean`.
     fn draw(random: &mut Random, of: usize, mean: f64) -> Vec<f32> {
         (0..of).map(|_| (mean + random.normal()) as f32).collect()
     }
@@ -210,7 +210,7 @@ mod tests {
     fn the_output_is_the_definition_in_f64() {
         for (rows, channels) in [(0, 4), (1, 16), (2, 3), (5, 48), (257, 31), (9001, 16)] {
             let mut random = Random::new(4, &[rows as u64]);
-            // A mean far from zero is where a careless variance would show.
+            // A mean far from zero would show an inaccurate variance.
             let x = draw(&mut random, rows * channels, 20.0);
             let [gamma, beta] = [0, 1].map(|_| draw(&mut random, channels, 0.0));
             let mut y = vec![f32::NAN; x.len()];

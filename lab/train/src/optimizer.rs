@@ -4,25 +4,25 @@ const BETA2: f64 = 0.99;
 const EPSILON: f64 = 1e-8;
 const WEIGHT_DECAY: f64 = 0.01;
 const GRADIENT_NORM_MAX: f64 = 10.0;
-/// Share of the steps in which the rate rises.
+/// Share of the steps in which the rate increases.
 const RISE: f64 = 0.4;
-/// The first rate is the highest divided by this.
+/// The initial rate is the highest rate divided by this.
 const START_DIVISOR: f64 = 10.0;
-/// The last rate is the first divided by this.
+/// The final rate is the initial rate divided by this.
 const END_DIVISOR: f64 = 1e4;
 const MOMENTA: [f64; 2] = [0.95, 0.85];
 
-/// The one-cycle schedule: cosine from a tenth of the highest rate up to it and down to nearly nothing; the momentum runs the other way.
+/// The one-cycle schedule: cosine from a tenth of the highest rate up to it and down to nearly 0; the momentum changes in the opposite direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Schedule {
     /// Highest learning rate.
     pub rate_max: f64,
-    /// Steps in all.
+    /// Total number of steps.
     pub steps: u64,
 }
 
 impl Schedule {
-    /// For a run of `steps`.
+    /// The schedule of a run of `steps`.
     pub fn new(rate_max: f64, steps: u64) -> Schedule {
         Schedule { rate_max, steps }
     }
@@ -46,21 +46,21 @@ impl Schedule {
     }
 }
 
-/// The optimiser's memory.
+/// The optimiser's state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Adam {
     /// First moments.
     pub first: Vec<f32>,
     /// Second moments.
     pub second: Vec<f32>,
-    /// Product of the momenta so far: with a changing momentum the bias of the first moment is 1 minus it.
+    /// Product of the momenta so far: with a changing momentum the bias of the first moment is 1 minus this product.
     pub momentum_product: f64,
-    /// Steps taken.
+    /// Number of steps taken.
     pub steps: u64,
 }
 
 impl Adam {
-    /// For `count` parameters.
+    /// The initial state for `count` parameters.
     pub fn new(count: usize) -> Adam {
         Adam {
             first: vec![0.0; count],
@@ -70,7 +70,7 @@ impl Adam {
         }
     }
 
-    /// One step; returns the gradient's norm before clipping. A gradient that is no number changes nothing.
+    /// One step; returns the gradient's norm before clipping. A non-finite gradient changes nothing.
     pub fn step(
         &mut self,
         parameters: &mut [f32],

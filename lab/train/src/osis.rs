@@ -1,6 +1,6 @@
-//! Trains the point embedding of the OSIS baseline on the frozen trunk of a softmax network; one frame a step.
+//! Trains the point embedding of the OSIS baseline on the frozen trunk of a softmax network; one frame per step.
 //!
-//! It takes minutes, so an interrupted run starts anew; a finished one is left as it is.
+//! Training takes minutes, so an interrupted run starts again; a finished run is left unchanged.
 
 use std::path::PathBuf;
 
@@ -15,9 +15,9 @@ use crate::optimizer::{Adam, Schedule};
 use crate::{check, run_folder};
 use crate::{import::model_path, scan::LabelledScan, settings::TrainSettings, source::ScanSource};
 
-/// Points of an instance that a step looks at.
+/// Number of points of an instance in a step.
 const INSTANCE_POINTS: usize = 48;
-/// Background points that a step looks at.
+/// Number of background points in a step.
 const BACKGROUND_POINTS: usize = 1024;
 /// Chance that an instance has no prototype.
 const HELD_OUT: f64 = 0.2;
@@ -35,7 +35,7 @@ pub fn train_osis(
     if network.head != HeadKind::Softmax {
         return Err(wrong(&format!("a {:?} head", network.head)));
     }
-    // Of one frame a step, whatever --batch says.
+    // One frame per step, regardless of --batch.
     let settings = &TrainSettings {
         batch: 1,
         ..settings.clone()
@@ -79,7 +79,7 @@ fn fit(
         dataset: check::training_split(settings)?,
         classes: manifest.class_names(),
         takes_synthetic_unknown: false,
-        // The backbone looks for the ground itself.
+        // The backbone estimates the ground itself.
         input: VoxelInput::Absolute,
     };
     check::points(&source, settings)?;
@@ -118,8 +118,8 @@ fn fit(
     Ok(embedding)
 }
 
-/// Features of some points of every known object and of the background, their owners, and how many objects there are. Points
-/// of other labelled objects are left out.
+/// Features of some points of every known object and of the background, their owners, and the number of objects. Points
+/// on other labelled objects are left out.
 fn sample(
     scan: &LabelledScan,
     features: &FrameFeatures,

@@ -1,4 +1,4 @@
-//! What a batch of frames makes of the network: every layer's gathers, and where sparse rows land on the map.
+//! The plan of a batch: every layer's gathers, and the positions of sparse rows on the map.
 
 use mluc_backbone::{Rulebooks, Voxels, localize, voxelize};
 use mluc_kernels::{ABSENT, Gather};
@@ -14,22 +14,22 @@ pub struct MapPlan {
     pub shape: [usize; 3],
     /// Map row and height level of each row of the last sparse layer.
     pub scatter: Vec<(u32, u32)>,
-    /// Cells (over the batch) that hold a row of the last sparse layer, ascending: rows of the scattered map (it has no
+    /// Cells (over the batch) with a row of the last sparse layer, ascending: rows of the scattered map (it has no
     /// background row: unlisted cells are zero).
     pub occupied: Vec<u32>,
-    /// Block 1.
+    /// Plans of block 1.
     pub block1: Vec<LayerPlan>,
-    /// Block 2.
+    /// Plans of block 2.
     pub block2: Vec<LayerPlan>,
-    /// The layers without a neighbourhood: on block 1's rows and on block 2's.
+    /// The layers without a neighbourhood: on the rows of block 1 and of block 2.
     pub ups: [LayerPlan; 2],
-    /// Row of up 1 (block 1's rows) that each cell of the full map reads.
+    /// Row of up 1 (a row of block 1) that each cell of the full map reads.
     pub up1_row: Vec<u32>,
-    /// Row of up 2 that each cell reads: 4 * (block 2's row) + 2 * (y % 2) + x % 2.
+    /// Row of up 2 that each cell reads: 4 * (row of block 2) + 2 * (y % 2) + x % 2.
     pub up2_row: Vec<u32>,
 }
 
-/// Both parts, frames' rows one after another.
+/// Both parts; the rows of the frames follow one another.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// Mean x, y, z, intensity of each voxel.
@@ -41,7 +41,7 @@ pub struct Plan {
 }
 
 impl MapPlan {
-    /// From the cells that hold a voxel. `scatter`: the cell of each sparse row (dense index over the batch) and its level.
+    /// The plan from the cells with a voxel. `scatter`: the cell of each sparse row (dense index over the batch) and its level.
     pub fn new(network: &Network, frames: usize, scatter: &[(u32, u32)]) -> MapPlan {
         let [rows, columns] = network.map_shape();
         let mut marks = vec![false; frames * rows * columns];
@@ -51,7 +51,7 @@ impl MapPlan {
         MapPlan::from_cells(network, cells, scatter)
     }
 
-    /// From the listed cells of the input map.
+    /// The plan from the listed cells of the input map.
     pub fn from_cells(network: &Network, input: Cells, scatter: &[(u32, u32)]) -> MapPlan {
         let mut unlisted = Unlisted::Zero;
         let mut cells = input.clone();
@@ -91,7 +91,7 @@ impl MapPlan {
         [self.up1_row[cell] as usize, self.up2_row[cell] as usize]
     }
 
-    /// Cells of the full map over the batch.
+    /// Number of cells of the full map over the batch.
     pub fn cells(&self) -> usize {
         self.up1_row.len()
     }
@@ -109,7 +109,7 @@ fn up2_rows([frames, rows, columns]: [usize; 3], half: &Cells) -> Vec<u32> {
     rows_of
 }
 
-/// Builds plans; keeps its memory from batch to batch.
+/// Builds plans; reuses its memory from batch to batch.
 #[derive(Clone, Debug)]
 pub struct Planner {
     network: Network,
@@ -118,7 +118,7 @@ pub struct Planner {
 }
 
 impl Planner {
-    /// For one network.
+    /// A planner for one network.
     pub fn new(network: &Network) -> Planner {
         Planner {
             network: network.clone(),
@@ -127,7 +127,7 @@ impl Planner {
         }
     }
 
-    /// The voxels of a scan (x, y, z in m, intensity), as the network reads them.
+    /// The voxels of a scan (x, y, z in m, intensity), in the network's input form.
     pub(crate) fn voxels(&mut self, scan: &[[f32; 4]]) -> &Voxels {
         let grid = &self.network.grid;
         voxelize(scan, grid, false, &mut self.voxels);
@@ -143,7 +143,7 @@ impl Planner {
         let taps = self.network.sparse.iter().map(|layer| layer.taps());
         let mut gathers: Vec<Gather> = taps.map(|taps| Gather::new(taps, vec![])).collect();
         let last = gathers.len() - 1;
-        // Of each layer's input, over the frames so far.
+        // Number of rows of each layer's input, over the frames so far.
         let mut counts = vec![0; gathers.len()];
         let (mut voxels, mut scatter) = (vec![], vec![]);
         for (frame, scan) in scans.iter().enumerate() {
@@ -167,7 +167,7 @@ impl Planner {
             }));
         }
         let layer = |(number, gather): (usize, Gather)| LayerPlan {
-            // The first layer's input is data: nobody wants its gradient.
+            // The first layer's input is data: its gradient is not needed.
             transposed: (number > 0).then(|| gather.transposed(counts[number])),
             gather,
             ..LayerPlan::default()

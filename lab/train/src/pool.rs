@@ -3,23 +3,23 @@
 use mluc_kernels::{Bf16, Element, at_best};
 use rayon::prelude::*;
 
-/// Values of a task that rounds to bf16.
+/// Number of values in a task that rounds to bf16.
 const ROUND_CHUNK: usize = 1 << 14;
-/// Vectors kept: bounds the memory.
+/// Maximum number of vectors kept, to limit memory.
 const FREE_MAX: usize = 96;
 
-/// The vectors that nobody uses now, and the gradients of a step.
+/// The unused vectors, and the gradients of a step.
 #[derive(Debug, Default)]
 pub struct Pool {
-    /// Of every parameter; the backward pass adds to them.
+    /// Gradients of all parameters; the backward pass adds to them.
     pub gradients: Vec<f32>,
-    /// What a layer multiplies in bf16: its input, and its output's gradient.
+    /// bf16 factors of a layer: its input, and its output's gradient.
     pub(crate) rounded: [Vec<Bf16>; 2],
     free: Vec<Vec<f32>>,
 }
 
 impl Pool {
-    /// For the backward pass of so many parameters.
+    /// A pool for the backward pass of this number of parameters.
     pub fn new(parameters: usize) -> Pool {
         Pool {
             gradients: vec![0.0; parameters],
@@ -27,14 +27,14 @@ impl Pool {
         }
     }
 
-    /// A vector of `len` numbers of any value.
+    /// A vector of `len` numbers with arbitrary values.
     pub fn take(&mut self, len: usize) -> Vec<f32> {
-        // The smallest that is large enough, else the largest.
+        // The smallest vector that is large enough, else the largest.
         let fit = |v: &Vec<f32>| (v.capacity() < len, v.capacity().abs_diff(len));
         let best = (0..self.free.len()).min_by_key(|i| fit(&self.free[*i]));
         let mut vector = best.map_or_else(Vec::new, |i| self.free.swap_remove(i));
         if vector.capacity() < len {
-            // Growing would copy what nobody reads.
+            // Growing the old vector would copy values that are not needed.
             vector = Vec::with_capacity(len + len / 4);
         }
         vector.resize(len, 0.0);
@@ -49,7 +49,7 @@ impl Pool {
     }
 }
 
-/// `values` in bf16, in memory that is taken again and again.
+/// `values` in bf16, in memory that is reused.
 pub(crate) fn round<'a>(values: &[f32], room: &'a mut Vec<Bf16>) -> &'a [Bf16] {
     if room.len() < values.len() {
         *room = vec![Bf16(0); values.len() + values.len() / 4];

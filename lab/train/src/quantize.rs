@@ -1,20 +1,20 @@
-//! How large the values between the layers get, for [`mluc_backbone::Precision::Int8`].
+//! Ranges of the values between the layers, for [`mluc_backbone::Precision::Int8`].
 //!
-//! A byte's unit goes into the weights that read the channel (as the backbone does it), and a layer's weights of one output
-//! channel share one step. A channel with a range of its own is rounded finely, but one that is rarely large then makes its
-//! weights large, and the step coarse for all others. One range for the whole level is the other extreme. A channel's range is
-//! the geometric mean of the two: the balance of SmoothQuant (Xiao et al., ICML 2023) at its usual strength of a half.
+//! The quantisation step of a channel is multiplied into the weights that read it (as in the backbone), and a layer's weights of one
+//! output channel share one step. With its own range a channel is rounded finely, but a channel that is rarely large makes its
+//! weights large, and the step coarse for all others. The other extreme is one range for the whole level. A channel's range is
+//! the geometric mean of the two: the balance of SmoothQuant (Xiao et al., ICML 2023) at its usual strength of one half.
 
 use mluc_backbone::{Backbone, Coverage, Level};
 use mluc_model::{Manifest, WeightSet, calibrated_layers};
 
 use crate::error::TrainError;
 
-/// Of a channel's least range over the largest value seen. Scans to come hold larger ones; what is cut from them costs far more than finer steps would gain.
+/// Minimum ratio of a channel's range to its largest value seen. Later scans have larger values; clipping costs far more than finer steps gain.
 const MARGIN: f32 = 1.25;
 
-/// `weights` with a range for each channel between the layers, measured on `scans` (x, y, z in m, intensity) in f32. Take scans like those to come. A channel
-/// that was 0 in every frame gets the largest range of its level: whatever it holds one day will fit. An error where nothing but 0 was seen at some level.
+/// `weights` with a range for each channel between the layers, measured on `scans` (x, y, z in m, intensity) in f32. Use scans like those in operation. A
+/// channel that was 0 in every frame gets the largest range of its level, which fits any later value. Returns an error where all values of a level were 0.
 pub fn measure_ranges<S: AsRef<[[f32; 4]]>>(
     manifest: &Manifest,
     weights: &WeightSet,
@@ -44,7 +44,7 @@ pub fn measure_ranges<S: AsRef<[[f32; 4]]>>(
     Ok(weights)
 }
 
-/// The largest values of a level's channels; levels that stay as they are in int8 are passed over.
+/// Updates the largest values of a level's channels; levels that are not quantised in int8 are skipped.
 fn widen(levels: &mut [(String, Vec<f32>)], level: Level) {
     let mut levels = levels.iter_mut();
     let Some((_, largest)) = levels.find(|(name, _)| name == level.name) else {
@@ -56,7 +56,7 @@ fn widen(levels: &mut [(String, Vec<f32>)], level: Level) {
     }
 }
 
-/// A range for each channel by the largest value seen in it; none where every value was 0.
+/// A range for each channel from its largest value; `None` where every value was 0.
 fn ranges(largest: &[f32]) -> Option<Vec<f32>> {
     let level = largest.iter().copied().fold(0.0, f32::max);
     let range = |own: &f32| match *own {

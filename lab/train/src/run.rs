@@ -16,10 +16,10 @@ use crate::log::{Log, TrainEvent};
 use crate::{NetworkKind, check, checkpoint, export, import, run_folder, stream};
 use crate::{optimizer::Schedule, settings::TrainSettings, source::ScanSource, trainer::Trainer};
 
-/// Frames that the cluster scorer is fitted on.
+/// Number of frames for the fit of the cluster scorer.
 const CLUSTER_FRAMES: usize = 1200;
 
-/// A run, its data read and its state restored.
+/// A run with its data read and its state restored.
 pub struct Run {
     settings: TrainSettings,
     manifest: Manifest,
@@ -27,7 +27,7 @@ pub struct Run {
     source: ScanSource,
     database: Database,
     cluster_scorer: Option<ClusterScorer>,
-    /// Settings and data, which a checkpoint must share.
+    /// Settings and data, which must equal those of a checkpoint.
     origin: String,
     _lock: File,
 }
@@ -35,7 +35,7 @@ pub struct Run {
 type Notify<'a> = &'a mut dyn FnMut(TrainEvent);
 
 impl Run {
-    /// Reads what the training split says, and the checkpoint where there is one.
+    /// Reads the statistics of the training split, and the checkpoint where there is one.
     pub fn prepare(settings: &TrainSettings, notify: Notify) -> Result<Run, TrainError> {
         check::check_known(&settings.known)?;
         let lock = run_folder::enter(&settings.out)?;
@@ -76,7 +76,7 @@ impl Run {
         Ok(run)
     }
 
-    /// From the run's checkpoint; else, where that is asked for, from another network's weights.
+    /// Restores the run's checkpoint; else, with `--init`, another network's weights.
     fn restore(&mut self, notify: Notify) -> Result<(), TrainError> {
         let (settings, trainer) = (&self.settings, &mut self.trainer);
         let path = settings.out.join("checkpoint.safetensors");
@@ -102,7 +102,7 @@ impl Run {
         self.settings.out.join("model.safetensors")
     }
 
-    /// A finished model whose threshold or profiles were chosen or whose ranges were measured since: to write it again would lose them.
+    /// Whether the model is finished and its threshold, profiles or ranges were set afterwards: writing it again would lose them.
     fn is_refined(&self) -> bool {
         let step = self.trainer.state.step;
         let is_refined = |model: Model| {
@@ -113,7 +113,7 @@ impl Run {
         step == self.settings.steps && Model::read(&self.model_path()).is_ok_and(is_refined)
     }
 
-    /// Trains to the last step, judges the model on `val/`, writes its file; returns the path.
+    /// Trains to the last step, evaluates the model on `val/`, writes its file; returns the path.
     pub fn finish(mut self, notify: Notify) -> Result<PathBuf, TrainError> {
         if self.is_refined() {
             let text = "already trained; its threshold, profiles or int8 ranges were set since, so it stays as it is";
@@ -139,14 +139,14 @@ impl Run {
                 self.judge(notify)?;
             }
         }
-        // A file with all steps is a finished one, so it has its score.
+        // A file with all steps is finished, so it must include its cluster scorer.
         self.score_clusters(notify)?;
         self.save()?;
         self.judge(notify)?;
         self.save()
     }
 
-    /// The finished network of `mluc-full` is told which of the clusters that it proposes are objects.
+    /// Fits the cluster scorer of a finished `mluc-full` network, which separates objects from other clusters that it proposes.
     fn score_clusters(&mut self, notify: Notify) -> Result<(), TrainError> {
         if self.settings.kind == NetworkKind::MlucFull {
             let model = Model::from_bytes(&self.model()?)?;
@@ -172,7 +172,7 @@ impl Run {
         Ok(loader.spawn(self.trainer.state.step..settings.steps, prepare))
     }
 
-    /// Writes the network as it begins, and all batches to `to`, for [a trainer on a GPU](crate::stream). It is not resumed.
+    /// Writes the initial network, and all batches to `to`, for [a trainer on a GPU](crate::stream). Such a run cannot be resumed.
     pub fn stream(mut self, to: &mut impl Write) -> Result<(), TrainError> {
         run_folder::refuse_other(&self.settings.out, "checkpoint.safetensors")?;
         let mut batches = self.begin(DataLoader::prepare_bytes)?;
@@ -185,8 +185,8 @@ impl Run {
         to.flush().map_err(fault)
     }
 
-    /// Validates the model file just written as the paper does (section 4.1: 3-D overlap, moderate, AP at 40 positions), by the inference engine; boxes without
-    /// a class are no known objects. The figures go into the next file.
+    /// Validates the model file just written as in the paper (section 4.1: 3-D overlap, moderate, AP at 40 positions), by the inference engine; boxes
+    /// without a class do not count as known objects. The figures are stored in the next file.
     fn judge(&mut self, notify: Notify) -> Result<(), TrainError> {
         let folder = self.settings.data.join("val");
         let frames = self.settings.validate_frames;
@@ -217,7 +217,7 @@ impl Run {
         Ok(())
     }
 
-    /// Checkpoint and model file. A model that nobody would take (values that are no numbers) leaves the last good checkpoint.
+    /// Writes checkpoint and model file. For an invalid model (with non-finite values) the last good checkpoint stays.
     fn save(&self) -> Result<PathBuf, TrainError> {
         let bytes = self.model()?;
         let checkpoint = self.settings.out.join("checkpoint.safetensors");
@@ -251,7 +251,7 @@ impl Run {
     }
 }
 
-/// Gives the anchors of each class the mean size and height of its objects. Class-agnostic anchors stand where the classes' objects stand on average.
+/// Gives the anchors of each class the mean size and height of its objects. Class-agnostic anchors get the mean bottom height of the classes.
 fn measure_anchors(
     manifest: &mut Manifest,
     settings: &TrainSettings,

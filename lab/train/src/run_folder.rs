@@ -1,4 +1,4 @@
-//! The folder of a run: one run at a time writes to it, and none over a model that it did not make.
+//! The folder of a run: only one run at a time writes to it, and no run overwrites a model that it did not make.
 
 use std::fs::{File, TryLockError};
 use std::path::Path;
@@ -7,7 +7,7 @@ use mluc_dataset::whole_file::write_whole;
 
 use crate::error::{TrainError, refused};
 
-/// Makes the folder and takes it for this process, as long as the file is open.
+/// Creates the folder and locks it for this process, as long as the file is open.
 pub fn enter(out: &Path) -> Result<File, TrainError> {
     std::fs::create_dir_all(out).map_err(|cause| TrainError::file(out, cause))?;
     let path = out.join(".lock");
@@ -25,7 +25,7 @@ pub fn enter(out: &Path) -> Result<File, TrainError> {
     }
 }
 
-/// For a run that begins: refuses the folder where a file of another run lies.
+/// For a new run: refuses a folder that contains a file of another run.
 pub(crate) fn refuse_other(out: &Path, file: &str) -> Result<(), TrainError> {
     let path = out.join(file);
     if path.exists() {
@@ -36,7 +36,7 @@ pub(crate) fn refuse_other(out: &Path, file: &str) -> Result<(), TrainError> {
     Ok(())
 }
 
-/// Writes a file of the run: a crash or a full disk leaves the old one.
+/// Writes a file of the run: after a crash or with a full disk the old file stays.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
     write_whole(path, bytes).map_err(|cause| TrainError::file(path, cause))
 }

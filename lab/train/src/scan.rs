@@ -1,14 +1,14 @@
-//! A labelled scan as the trainer sees it.
+//! A labelled scan in the trainer's form.
 
 use mluc_geometry::Box3;
 use mluc_geometry::ground::{GroundGrid, ground_height_m};
 
-/// Where a scan tells nothing of the ground, it is taken to lie so far below the sensor, m.
+/// Height of the ground below the sensor where a scan gives no estimate, m.
 const GROUND_BELOW_M: f64 = 1.7;
-/// Objects with fewer points teach nothing: their place is ignored, neither object nor background.
+/// Minimum number of points of a trained object: with fewer its place is ignored, neither object nor background.
 pub const POINTS_MIN: usize = 3;
-/// A synthetic unknown object whose length, width and height all lie this near to a known class' mean could be one of it, m: people and their
-/// labels differ by as much.
+/// A synthetic unknown object whose length, width and height all differ by less than this from a known class' mean could be of that class, m:
+/// people and their labels differ by as much.
 const ALIKE_M: f64 = 0.4;
 
 /// A labelled object.
@@ -16,16 +16,16 @@ const ALIKE_M: f64 = 0.4;
 pub struct LabelledObject {
     /// Index among the model's classes; `None` for an object of another kind, whose place is ignored.
     pub class: Option<usize>,
-    /// In the sensor frame.
+    /// Box in the sensor frame.
     pub bounds: Box3,
-    /// Points of the scan inside it.
+    /// Number of scan points inside it.
     pub points: usize,
-    /// A synthetic object that stands for the unknown; of no class.
+    /// Whether it is a synthetic object that represents the unknown; it then has no class.
     pub synthetic_unknown: bool,
 }
 
 impl LabelledObject {
-    /// Of a class, or synthetic unknown.
+    /// An object of a class, or a synthetic unknown object.
     pub fn new(class: Option<usize>, bounds: Box3, points: usize) -> LabelledObject {
         LabelledObject {
             class,
@@ -40,7 +40,7 @@ impl LabelledObject {
         self.points >= POINTS_MIN
     }
 
-    /// The class to train it as.
+    /// The class as which it is trained.
     pub fn trained_class(&self) -> Option<usize> {
         self.class.filter(|_| self.is_seen())
     }
@@ -54,14 +54,14 @@ impl LabelledObject {
 /// A scan and its objects.
 #[derive(Clone, Debug, Default)]
 pub struct LabelledScan {
-    /// x, y, z (m, sensor frame), intensity.
+    /// Points: x, y, z (m, sensor frame), intensity.
     pub points: Vec<[f32; 4]>,
     /// Labels.
     pub objects: Vec<LabelledObject>,
 }
 
 impl LabelledScan {
-    /// Heights above the local ground take the place of z, in points and boxes.
+    /// Replaces z by the height above the local ground, in points and boxes.
     pub fn measure_from_ground(&mut self) {
         let mut grid = GroundGrid::new(GROUND_BELOW_M);
         let ground_m = grid.find(&self.points);
@@ -74,7 +74,7 @@ impl LabelledScan {
         }
     }
 
-    /// The place of a synthetic unknown object that could be a known one by its size teaches nothing. `classes_m`: mean l, w, h of the known classes.
+    /// Ignores each synthetic unknown object that could be a known object by its size. `classes_m`: mean l, w, h of the known classes.
     pub fn ignore_alike(&mut self, classes_m: &[[f64; 3]]) {
         let objects = self.objects.iter_mut();
         for object in objects.filter(|object| object.synthetic_unknown) {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, builder::RangedU64ValueParser};
 use mluc_dataset::{KITTI_CLASSES, SIMULATED_CLASSES};
+use mluc_evaluate::pipeline::folder_tail;
 use mluc_kernels::Level;
 use mluc_model::{AnchorClass, Beams, Manifest, Network, Takes};
 
@@ -73,10 +74,10 @@ pub struct TrainSettings {
 }
 
 impl TrainSettings {
-    /// As `mluc-lab train` takes them with these options.
+    /// The settings that `mluc-lab train` makes of these options.
     ///
     /// # Panics
-    /// Where they are none of its options.
+    /// If an option is not valid.
     pub fn of(options: &[&str], data: &Path, out: &Path) -> TrainSettings {
         let options = ["train", "--data=.", "--out=."].iter().chain(options);
         let mut settings = TrainSettings::try_parse_from(options).expect("options of the trainer");
@@ -84,12 +85,12 @@ impl TrainSettings {
         settings
     }
 
-    /// Whether this processor multiplies bf16; on others f32 is faster.
+    /// Whether this processor multiplies bf16 in hardware; on others f32 is faster.
     pub fn bf16_is_faster() -> bool {
         Level::best().name() == "avx512bf16"
     }
 
-    /// Classes that the network learns.
+    /// Number of classes that the network learns.
     pub fn classes(&self) -> usize {
         if !self.known.is_empty() {
             return self.known.len();
@@ -99,20 +100,20 @@ impl TrainSettings {
         self.setting.classes() + usize::from(is_supervised) * unknown
     }
 
-    /// Synthetic unknown objects pasted into a frame, beside those that the data holds (simulate --synthetic-unknown).
+    /// Number of synthetic unknown objects pasted into a frame, in addition to those in the data (simulate --synthetic-unknown).
     pub fn synthetic_unknown(&self) -> usize {
-        // A guess. An object cut out of one sensor's scan is none of another's.
+        // A guess. An object from one sensor's scan does not fit the scan of another sensor.
         let pastes = self.kind.learns_from_synthetic_unknown() && self.setting != Setting::Any;
         6 * usize::from(pastes)
     }
 
-    /// Frames of the training split that give objects to paste.
+    /// Number of frames of the training split that supply objects to paste.
     pub fn database_frames(&self) -> usize {
         let pastes = self.setting != Setting::Any;
         1500 * usize::from(pastes)
     }
 
-    /// Cells of a frame with points and no object that are learned from. Many for metric-open, so that some look like an object; both are guesses.
+    /// Background cells per frame (points, no object) in the loss. Many for metric-open, so that some resemble an object; both numbers are guesses.
     pub fn background_cells(&self) -> usize {
         match self.kind {
             NetworkKind::MlucFull => 64,
@@ -121,7 +122,7 @@ impl TrainSettings {
         }
     }
 
-    /// The settings of the losses: those of the unknown are guesses.
+    /// The settings of the losses; the values for the unknown are guesses.
     pub fn losses(&self) -> LossSettings {
         let draws = self.kind.learns_from_synthetic_unknown();
         let pushes = self.kind == NetworkKind::MetricOpen;
@@ -142,7 +143,7 @@ impl TrainSettings {
         }
     }
 
-    /// Classes that labels may name: KITTI's and the simulator's, among them all that the network learns, and those to be ignored.
+    /// Classes that labels may name: KITTI's and the simulator's, all classes that the network learns, and the ignored ones.
     pub fn accepted_classes(&self) -> Vec<String> {
         let heard = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES);
         let heard = heard.map(|name| (*name).to_owned());
@@ -150,7 +151,7 @@ impl TrainSettings {
         heard.chain(own.cloned()).collect()
     }
 
-    /// The manifest before training: what the data decides is filled in later.
+    /// The manifest before training: values from the data are filled in later.
     pub fn manifest(&self) -> Manifest {
         let mut manifest = Manifest::untrained(self.setting.name(), self.network());
         manifest.classes.truncate(self.setting.classes());
@@ -176,18 +177,18 @@ impl TrainSettings {
         }
         let person = manifest.generic.first_mut();
         if let Some(person) = person.filter(|_| self.setting == Setting::Any) {
-            // So a fallen person has three anchors, not one.
+            // With these a fallen person has three anchors, not one.
             (person.matched_iou, person.unmatched_iou) = (0.35, 0.2);
         }
         Manifest {
             uses_intensity: false,
             prototype_scale: self.prototype_scale(),
             beams: match self.setting {
-                // Any sensor's.
+                // Beams of any sensor.
                 Setting::Any => Beams::default(),
                 _ => hdl_64e(),
             },
-            // What the simulator draws for `sim-any`; the tilt, which it does not draw, is a guess.
+            // The ranges that the simulator draws for `sim-any`; it draws no tilt, so the tilt is a guess.
             takes: (self.setting == Setting::Any).then_some(Takes {
                 beams: [6, 140],
                 height_m: [0.3, 3.0],
@@ -198,7 +199,7 @@ impl TrainSettings {
         }
     }
 
-    /// T, the length of the prototypes: fixed where the head is one of logits, else the number of classes (paper section 3.2), or 3 for mluc-full.
+    /// T, the length of the prototypes: fixed for a head of logits, else the number of classes (paper section 3.2), or 3 for mluc-full.
     pub fn prototype_scale(&self) -> f32 {
         let fixed = self.kind.head().prototype_scale();
         fixed.unwrap_or(match self.kind {
@@ -207,43 +208,31 @@ impl TrainSettings {
         })
     }
 
-    /// What a resumed run must share with its beginning, as text. The number of steps may change: the cycle then goes on
-    /// from the same step, at the rate that the new number gives it.
+    /// The settings that a resumed run must share with its start, as text. The number of steps may change: the cycle then continues
+    /// from the same step, at the rate of the new number.
     pub fn fingerprint(&self) -> String {
-        let mut text = format!(
-            "{} {:?} batch {} seed {} rate {} scale {} database {} bf16 {}",
-            self.setting.name(),
-            self.architecture,
-            self.batch,
-            self.seed,
-            self.learning_rate,
-            self.prototype_scale(),
-            self.database_frames(),
-            self.bf16
-        );
-        if self.kind != NetworkKind::Metric {
-            text += &format!(" network {}", self.kind.name());
-        }
-        if self.kind.learns_from_synthetic_unknown() {
-            let data = self.data.file_name().unwrap_or_default().display();
-            text += &format!(" data {data}");
-        }
-        if !self.known.is_empty() {
-            // Numbers of pasted objects were by place before.
-            text += &format!(" known by name {}", self.known.join(","));
-        }
-        if self.setting == Setting::Any {
-            text += " floored, ahead";
-        }
-        if let Some(init) = &self.init {
-            text += &format!(" init {}", init.display());
-        }
-        text
+        let whole = |path: &PathBuf| path.canonicalize().unwrap_or(path.clone());
+        // It may be given relative to another folder.
+        let init = self
+            .init
+            .as_ref()
+            .map(|path| folder_tail(&whole(path)).into());
+        let shared = TrainSettings {
+            steps: 0,
+            validate_frames: 0,
+            checkpoint_every: 0,
+            data: PathBuf::new(),
+            out: PathBuf::new(),
+            commit: String::new(),
+            init,
+            ..self.clone()
+        };
+        format!("{shared:?}")
     }
 }
 
-/// The beams of a Velodyne HDL-64E (nominal values of public calibrations, as the simulator casts them; real sensors lie
-/// within some 0.1 deg), from the top down, and the step between columns at 10 Hz.
+/// The beams of a Velodyne HDL-64E (nominal values of public calibrations, as in the simulator; real sensors differ by
+/// about 0.1 deg), from the top down, and the step between columns at 10 Hz.
 fn hdl_64e() -> Beams {
     let upper = (0..32).map(|i| 2.02 - 0.34 * i as f32);
     let lower = (0..32).map(|i| -8.95 - 0.5084 * i as f32);
@@ -259,7 +248,7 @@ mod tests {
 
     #[test]
     fn a_setting_out_of_its_range_is_named() {
-        // A folder's name may begin as an option does.
+        // A folder's name may start like an option.
         let (data, out) = (Path::new("data"), Path::new("-out"));
         let good = ["--setting", "kitti", "--network", "metric-open"];
         let losses = TrainSettings::of(&good, data, out).losses();

@@ -4,21 +4,20 @@ use mluc_dataset::Dataset;
 use mluc_geometry::Box3;
 use mluc_model::VoxelInput;
 
-use crate::error::TrainError;
 use crate::scan::{LabelledObject, LabelledScan};
-use crate::synthetic_unknown::stands_for_unknown;
+use crate::{error::TrainError, synthetic_unknown::stands_for_unknown};
 
-/// A label whose visibility is worse than this teaches nothing new about an object's looks.
+/// Maximum occlusion level of a label that is pasted: a less visible object shows little of its shape.
 const OCCLUDED_MAX: i32 = 2;
 
-/// A folder, and which of its labels are trained on.
+/// A folder, and the rule for its labels in training.
 #[derive(Clone, Debug)]
 pub struct ScanSource {
     /// The folder.
     pub dataset: Dataset,
     /// Names of the known classes.
     pub classes: Vec<String>,
-    /// Whether objects labelled as synthetic unknown stand for the unknown; else they are of another kind, whose place is ignored.
+    /// Whether objects labelled as synthetic unknown represent the unknown; otherwise their place is ignored.
     pub takes_synthetic_unknown: bool,
     /// How points and boxes are measured.
     pub input: VoxelInput,
@@ -30,17 +29,17 @@ impl ScanSource {
         classes.position(|class| class.eq_ignore_ascii_case(name))
     }
 
-    /// Scans there are.
+    /// Number of scans.
     pub fn count(&self) -> usize {
         self.dataset.names().len()
     }
 
-    /// One of them, points of its objects counted.
+    /// One scan, with the number of points of each object.
     pub fn scan(&self, number: usize) -> Result<LabelledScan, TrainError> {
         Ok(self.changed(number, |_| ())?.0)
     }
 
-    /// A scan whose points were changed as they come from the sensor, and for each object whether it is seen well enough to be pasted elsewhere.
+    /// A scan whose raw points `change` has modified, and for each object whether it is visible enough to be pasted elsewhere.
     pub fn changed(
         &self,
         number: usize,
@@ -69,7 +68,7 @@ impl ScanSource {
         Ok((scan, visible))
     }
 
-    /// Class and box of every labelled object of a known class, without its scan.
+    /// Class and box of every labelled object of a known class; the scan is not read.
     pub fn labelled(&self, number: usize) -> Result<Vec<(usize, Box3)>, TrainError> {
         let name = &self.dataset.names()[number];
         let boxes = self.dataset.boxes_in_sensor(name)?.into_iter();
@@ -90,7 +89,7 @@ mod tests {
         let mut options = ExportOptions::new(Family::SimKitti, Split::Train, 2, 3, root);
         options.synthetic_unknown = true;
         export(&options, || ()).expect("written");
-        // Synthetic unknown objects, and objects of no class.
+        // Number of synthetic unknown objects, and number of objects of no class.
         let count = |takes_synthetic_unknown: bool| {
             let source = ScanSource {
                 dataset: Dataset::open(folder.path()).expect("a data set"),

@@ -1,7 +1,7 @@
-//! The batches of a run for a trainer elsewhere: `tools/train_on_gpu`.
+//! The batches of a run for a trainer on another machine: `tools/train_on_gpu`.
 //!
-//! A line of JSON: the settings of the run. Then the frames, one after another, little-endian: how many voxels, positive anchors,
-//! ignored anchors and cells (u32 each); voxels (u16 z, y, x of each, then the f32 rows); positives (u32 cell, anchor and direction bin,
+//! The first line is JSON: the settings of the run. Then the frames follow, little-endian: number of voxels, of positive anchors,
+//! of ignored anchors and of cells (u32 each); voxels (u16 z, y, x of each, then the f32 rows); positives (u32 cell, anchor and direction bin,
 //! 7 f32 box codes); ignored anchors (u32 numbers in the map); cells (u32 cell, i32 class or -1 for unknown, f32 weight).
 
 use mluc_backbone::Voxels;

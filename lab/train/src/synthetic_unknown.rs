@@ -1,8 +1,8 @@
-//! Objects that stand for the unknown, made of known ones: no label of an unknown class is used.
+//! Synthetic unknown objects, made of known objects: no label of an unknown class is used.
 //!
-//! A known object is scaled axis by axis, or the front (the lower part) of one is joined to the rear (the upper part) of another, and a slab of points may be
-//! cut out, as windows and open sides do. What still has the size of a known class is thrown away. The result moves along its bearing by the mean factor, so
-//! that its points are as dense as a scan's. Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
+//! A known object is scaled axis by axis, or the rear (the lower part) of one is joined to the front (the upper part) of another. A slab of points may be
+//! cut out, like windows and open sides. Objects that still have the size of a known class are rejected. The result moves along its bearing by the
+//! mean factor, so that its points are as dense as a scan's. Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
 
 use mluc_dataset::{Label, SYNTHETIC_UNKNOWN};
 use mluc_geometry::{Box3, Random};
@@ -12,14 +12,14 @@ use mluc_simulate::synthetic_unknown::{
 
 use crate::database::{Database, Sample};
 
-/// Parts are joined that look at the sensor under similar angles.
+/// Maximum difference of the viewing angles of two objects that are joined.
 const ANGLE_MAX_RAD: f64 = 0.5;
-/// Draws for a partner, and for an object in all.
+/// Number of draws for a partner, and for an object.
 const DRAWS: usize = 12;
-/// Fewer points are no object.
+/// Minimum number of points of an object.
 const POINTS_MIN: usize = 8;
 
-/// Whether a label stands for the unknown: a synthetic unknown object, or what everybody labels where a network does not learn it.
+/// Whether a label represents the unknown: a synthetic unknown object, or a common class (car, pedestrian, cyclist) that the network does not learn.
 pub(crate) fn stands_for_unknown(label: &Label, classes: &[String]) -> bool {
     let usual = ["car", "pedestrian", "cyclist"].into_iter();
     let mut unlearned = usual.filter(|usual| !classes.iter().any(|class| class == usual));
@@ -56,9 +56,9 @@ impl Local {
         }
     }
 
-    /// The part of this one below the middle of `axis` (0: the rear, 2: the lower half), the other's above it.
+    /// The part of this object below the middle of `axis` (0: the rear, 2: the lower half), with the part of the other above it.
     fn join(self, mut other: Local, axis: usize) -> Local {
-        // The other takes this one's width, and its length or height where they meet.
+        // The other object is scaled to this one's width, and to its length or height at the joint.
         let mut fit = [0, 1, 2].map(|i| self.size_m[i] / other.size_m[i]);
         fit[axis] = 1.0;
         other.scale(fit);
@@ -66,7 +66,7 @@ impl Local {
         let (low, high) = (middle(&self), middle(&other));
         let mut size_m = self.size_m;
         size_m[axis] = (self.size_m[axis] + other.size_m[axis]) / 2.0;
-        // Along x the joint moves off the middle by a quarter of the difference of lengths.
+        // Along x the joint moves from the middle by a quarter of the difference of the lengths.
         let off = (self.size_m[0] - other.size_m[0]) / 4.0;
         let shift = if axis == 2 { 0.0 } else { off };
         let mut points: Vec<[f64; 4]> = self.points;
@@ -80,7 +80,7 @@ impl Local {
         Local { size_m, points }
     }
 
-    /// Without the points of a slab of the height.
+    /// Removes the points of a horizontal slab.
     fn cut(&mut self, random: &mut Random) {
         let share = random.uniform(CUT_SHARE[0], CUT_SHARE[1]);
         let low = random.uniform(CUT_LOW, 1.0 - share - 0.1) * self.size_m[2];
@@ -88,7 +88,7 @@ impl Local {
         self.points.retain(|p| p[2] < low || p[2] > high);
     }
 
-    /// Back in the sensor frame, turned as `like` and `factor` times as far away.
+    /// The object in the sensor frame, with the heading of `like` and `factor` times as far away.
     fn place(self, like: &Box3, factor: f64) -> Sample {
         let (sin, cos) = like.yaw_rad.sin_cos();
         let [x, y, _] = like.center_m.map(|v| v * factor);
@@ -109,7 +109,7 @@ impl Local {
     }
 }
 
-/// One such object; `None` where a dozen draws gave none. `classes_m`: mean l, w, h of the known classes.
+/// Makes one object; `None` where a dozen draws gave none. `classes_m`: mean l, w, h of the known classes.
 pub fn make_up(database: &Database, classes_m: &[[f64; 3]], random: &mut Random) -> Option<Sample> {
     (0..DRAWS).find_map(|_| attempt(database, classes_m, random))
 }
@@ -131,7 +131,7 @@ fn attempt(database: &Database, classes_m: &[[f64; 3]], random: &mut Random) -> 
             (0..DRAWS).find_map(|_| draw(database, random).filter(|p| alike_views(sample, p)))?;
         let axis = if random.coin() { 0 } else { 2 };
         local = local.join(Local::of(partner), axis);
-        // A join is new by itself: scale it less.
+        // A join is already new: it is scaled less.
         factors = factors.map(f64::sqrt);
     }
     local.scale(factors);
@@ -148,7 +148,7 @@ fn attempt(database: &Database, classes_m: &[[f64; 3]], random: &mut Random) -> 
     Some(local.place(&sample.bounds, mean.clamp(0.6, 1.6)))
 }
 
-/// Whether two objects show the sensor the same sides.
+/// Whether the sensor sees the same sides of two objects.
 fn alike_views(a: &Sample, b: &Sample) -> bool {
     let view = |s: &Sample| s.bounds.yaw_rad - s.bounds.center_m[1].atan2(s.bounds.center_m[0]);
     let difference = view(a) - view(b);

@@ -1,11 +1,11 @@
-//! What each anchor and each cell should say about a frame.
+//! Targets of each anchor and each cell of a frame.
 //!
-//! Anchors: the public SECOND assignment. Only objects of an anchor's own class count; overlap is that of the "nearest" axis-aligned footprints, heights
-//! ignored. An anchor is positive at or above its class's matched overlap, negative below the unmatched one, ignored between; each object's best anchors are
-//! positive whatever their overlap. Cells (for the metric loss, paper section 3.2, eq. 2): those whose centre lies in a footprint (the smallest wins), the cell
-//! of each object's centre, and those of positive anchors. Synthetic unknown objects of no class are matched with the class-agnostic anchors, where the network
-//! has them, as known objects are too; else with those of the class that overlaps them most. The anchors of a class that overlap them are ignored. Objects that
-//! are not trained on (see [`crate::scan`]) make anchors and cells under them ignored.
+//! Anchors: the public SECOND assignment. Only objects of an anchor's own class count; the overlap is that of the "nearest" axis-aligned footprints,
+//! without heights. An anchor is positive at or above its class's matched overlap, negative below the unmatched one, else ignored; each object's best
+//! anchors are positive at any overlap. Cells (for the metric loss, paper section 3.2, eq. 2): cells with their centre in a footprint (the smallest
+//! wins), the cell of each object's centre, and cells of positive anchors. Synthetic unknown objects of no class are matched, like known objects, with the
+//! class-agnostic anchors; without these, with the anchors of the class that overlaps them most. Anchors of a class that overlap them are ignored. Objects
+//! that are not trained on (see [`crate::scan`]) make the anchors and cells under them ignored.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -18,12 +18,12 @@ use crate::{anchors::Anchors, scan::LabelledObject};
 /// Anchors this close to an ignored footprint are ignored.
 const IGNORE_MARGIN_M: f64 = 0.3;
 
-/// An anchor that should find an object.
+/// An anchor that has to detect an object.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Positive {
-    /// y * columns + x.
+    /// Index of the cell, y * columns + x.
     pub cell: u32,
-    /// class * 2 + rotation.
+    /// Index in the cell, class * 2 + rotation.
     pub anchor: u32,
     /// Box residuals.
     pub codes: [f32; 7],
@@ -31,7 +31,7 @@ pub struct Positive {
     pub bin: u8,
 }
 
-/// What a cell holds.
+/// Content of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CellClass {
     /// An object of this class.
@@ -45,11 +45,11 @@ pub enum CellClass {
 /// A cell of the metric loss.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellLabel {
-    /// y * columns + x.
+    /// Index of the cell, y * columns + x.
     pub cell: u32,
-    /// What it holds.
+    /// Content of the cell.
     pub is: CellClass,
-    /// Sums to 1 over a frame that has objects, background apart.
+    /// Weight; the sum over a frame with objects is 1, without background.
     pub weight: f32,
 }
 
@@ -64,7 +64,7 @@ pub struct Targets {
     pub cells: Vec<CellLabel>,
 }
 
-/// The best overlap of an anchor, with which object, and whether it's an object's best anchor.
+/// The best overlap of an anchor, its object, and whether the anchor is an object's best one.
 #[derive(Clone, Copy)]
 struct Best {
     iou: f64,
@@ -73,13 +73,13 @@ struct Best {
 }
 
 impl Anchors {
-    /// Labels of a frame.
+    /// Targets of a frame.
     pub fn assign(&self, objects: &[LabelledObject]) -> Targets {
         let mut found = Targets {
             ignored: self.ignored_by_objects(objects),
             ..Targets::default()
         };
-        // Cell and object of each positive.
+        // Cell and object of each positive anchor.
         let mut owners = vec![];
         for group in self.groups() {
             self.assign_group(group, objects, &mut found, &mut owners);
@@ -93,7 +93,7 @@ impl Anchors {
         found
     }
 
-    /// The number of an anchor in the map.
+    /// Index of an anchor in the map.
     fn number(&self, cell: u32, anchor: u32) -> u32 {
         cell * self.per_cell() as u32 + anchor
     }
@@ -102,7 +102,7 @@ impl Anchors {
         f64::from(self.classes[anchor / 2].unmatched_iou)
     }
 
-    /// Numbers of the anchors `anchor` that overlap `object` enough not to be negative.
+    /// Indices of the anchors `anchor` whose overlap with `object` is too large for a negative.
     fn near(&self, object: &Box3, anchor: usize) -> impl Iterator<Item = u32> {
         let unmatched = self.unmatched(anchor);
         let near = self.overlaps(object, anchor).into_iter();
@@ -128,7 +128,7 @@ impl Anchors {
         self.classes.len() > self.known
     }
 
-    /// Anchors that one object is matched with: those of a class, and together the class-agnostic ones.
+    /// Groups of anchors that are matched with an object: one group for each class, and one for all class-agnostic anchors.
     fn groups(&self) -> Vec<Range<usize>> {
         let mut groups: Vec<Range<usize>> = (0..self.known).map(|class| class..class + 1).collect();
         if self.has_agnostic() {
@@ -137,7 +137,7 @@ impl Anchors {
         groups
     }
 
-    /// The group whose anchors are to find a synthetic unknown object: the class-agnostic ones, else that of the largest overlap.
+    /// The group whose anchors have to detect a synthetic unknown object: the class-agnostic ones, else the group with the largest overlap.
     fn group_of_unknown(&self, object: &LabelledObject) -> usize {
         if self.has_agnostic() {
             return self.known;
@@ -168,7 +168,7 @@ impl Anchors {
                 None => group.start == self.group_of_unknown(object),
             };
             if !is_target {
-                // Neither right nor wrong: an object of no class may look like one to the anchors of a class.
+                // Ignored: an object of no class may resemble one of the class of these anchors.
                 if class.is_none() {
                     let near = anchors.clone();
                     let near = near.map(|anchor| self.near(&object.bounds, anchor));
@@ -231,7 +231,7 @@ impl Anchors {
         }
         let mut cells_of = vec![0usize; objects.len()];
         owner.values().for_each(|number| cells_of[*number] += 1);
-        // The last place counts synthetic unknown objects: a class of their own here.
+        // The last index counts synthetic unknown objects, which are a class of their own here.
         let place = |number: usize| objects[number].class.unwrap_or(self.known);
         let mut objects_of = vec![0usize; self.known + 1];
         let with_cells = (0..objects.len()).filter(|number| cells_of[*number] > 0);

@@ -1,9 +1,9 @@
-//! Gradients against differences, for the tests of this crate.
+//! Compares gradients with finite differences, for the tests of this crate.
 
-/// Steps of a central difference: a large one meets ReLU's kinks, a small one rounding, so any may agree.
+/// Steps of a central difference: a large one crosses ReLU's kinks, a small one has rounding errors, so agreement at any step is enough.
 const STEPS: [f32; 5] = [4e-3, 2e-3, 1e-3, 2e-4, 5e-5];
 
-/// Panics unless `value`, a function of one number, rises by `slope` at 0 (within `tolerance`, of 1 + the slope).
+/// Panics unless the derivative of `value` at 0 is `slope` (within `tolerance`, of 1 + the slope).
 pub(crate) fn assert_slope(name: &str, slope: f64, tolerance: f64, value: impl Fn(f32) -> f64) {
     let found = STEPS.map(|h| (value(h) - value(-h)) / (2.0 * f64::from(h)));
     let agrees = |found: &f64| (found - slope).abs() < tolerance * (1.0 + found.abs());
@@ -11,7 +11,7 @@ pub(crate) fn assert_slope(name: &str, slope: f64, tolerance: f64, value: impl F
     assert!(is_right, "{name}: {found:?} against {slope}");
 }
 
-/// Panics unless `gradient` is that of `value` at `x`.
+/// Panics unless `gradient` is the gradient of `value` at `x`.
 pub(crate) fn assert_gradient(
     name: &str,
     x: &[f32],

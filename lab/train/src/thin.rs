@@ -1,14 +1,14 @@
-//! A scan as a sensor with fewer beams or less reach would see it: beam dropout and range dropout.
+//! Simulates a sensor with fewer beams or less range: beam dropout and range dropout.
 
 use mluc_geometry::Random;
 
-/// Share of the scans that lose beams; as many lose reach.
+/// Share of the scans that lose beams; the same share loses range.
 const CHANCE: f64 = 0.25;
-/// Beams are dropped in bands of so much elevation, radians: a band is a beam or some.
+/// Range of the height of an elevation band, radians; beams are dropped by band, and a band has one or several beams.
 const BAND_RAD: [f64; 2] = [0.002, 0.012];
-/// Share of the bands that stay.
+/// Range of the share of bands that stay.
 const KEPT: [f64; 2] = [0.25, 0.8];
-/// Half of the points at this range are lost, m.
+/// Range at which half of the points are lost, m.
 const HALF_RANGE_M: [f64; 2] = [20.0, 60.0];
 
 /// Drops beams and far points of some scans. `points`: x, y, z (m, sensor frame), intensity.
@@ -37,7 +37,7 @@ pub fn thin(points: &mut Vec<[f32; 4]>, random: &mut Random) {
 mod tests {
     use super::*;
 
-    /// Sixteen beams 2 degrees apart, a point a degree and beam, 4 to 80 m away.
+    /// Sixteen beams 2 degrees apart, a point per degree and beam, 4 to 80 m away.
     #[test]
     fn whole_beams_and_far_points_go() {
         let point = |(beam, azimuth): (usize, usize)| {

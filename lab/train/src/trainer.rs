@@ -1,4 +1,4 @@
-//! One step after another: forward, losses, backward, optimiser.
+//! The training step: forward, losses, backward, optimiser.
 
 use mluc_model::Network;
 
@@ -13,11 +13,11 @@ use crate::{
     pool::Pool,
 };
 
-/// The share of a new batch in the running statistics, once enough batches have been seen. Before, the plain mean of all batches: a short run must not remember
-/// its first weights. At the end of the cycle the rate is nearly 0, so the last 50 batches share one set of weights and the statistics are theirs.
+/// Minimum share of a new batch in the running statistics. At first the plain mean of all batches applies, so that a short run does not keep the
+/// statistics of its first weights. At the end of the cycle the rate is nearly 0, so the last 50 batches have almost equal weights and set the statistics.
 const MOMENTUM_MIN: f32 = 0.02;
 
-/// What training has reached.
+/// State of the training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainState {
     /// Weights.
@@ -34,7 +34,7 @@ pub struct TrainState {
 pub struct Trainer {
     /// Layers.
     pub chain: Chain,
-    /// What training has reached.
+    /// State of the training.
     pub state: TrainState,
     schedule: Schedule,
     losses: LossSettings,
@@ -42,7 +42,7 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// Before the first step.
+    /// A trainer before the first step.
     pub fn new(network: &Network, schedule: Schedule, losses: LossSettings, seed: u64) -> Trainer {
         let chain = Chain::new(network);
         let state = TrainState {
@@ -94,7 +94,7 @@ impl Trainer {
 
 fn follow_statistics(state: &mut TrainState, pass: &Pass) {
     let share = MOMENTUM_MIN.max(1.0 / (state.step + 1) as f32);
-    // A batch without a row says nothing (a scan without a point in range).
+    // A batch without a row gives no statistics (a scan without a point in range).
     let pairs = state.running.iter_mut().zip(pass.statistics());
     for (running, batch) in pairs.filter(|(_, batch)| batch.count >= 2.0) {
         let unbiased = (batch.count / (batch.count - 1.0)) as f32;

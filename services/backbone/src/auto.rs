@@ -1,4 +1,4 @@
-//! Which precision `auto` is: the fastest on this processor of those that the model file says cost little.
+//! The choice of `auto`: the fastest precision on this processor whose measured cost in the model file is small.
 
 use mluc_kernels::Level;
 use mluc_model::{Manifest, WeightSet};
@@ -6,8 +6,8 @@ use mluc_model::{Manifest, WeightSet};
 use crate::precision::Precision;
 
 impl Precision {
-    /// The most that a precision which [`Precision::Auto`] takes may cost against f32 on the validation split: mAP of the known classes
-    /// and AP of the unknown, points of percent.
+    /// Maximum cost, against f32 on the validation split, of a precision that [`Precision::Auto`] chooses: mAP of the known classes and
+    /// AP of the unknown, percentage points.
     pub const COST_MAX: [f64; 2] = [0.5, 1.0];
 
     /// Names of a precision's figures among the metrics of a model's provenance, in the order of [`Precision::COST_MAX`].
@@ -19,7 +19,7 @@ impl Precision {
         ["map_known", "ap_unknown"].map(|name| format!("{name}{suffix}"))
     }
 
-    /// Itself, or what [`Precision::Auto`] stands for; and why.
+    /// This precision, or the one that [`Precision::Auto`] stands for; and the reason.
     pub fn chosen(self, manifest: &Manifest, weights: &WeightSet) -> (Precision, String) {
         if self != Precision::Auto {
             return (self, "asked for".into());
@@ -27,7 +27,7 @@ impl Precision {
         auto(Level::best().name(), manifest, weights.is_calibrated())
     }
 
-    /// Points of percent lost against f32, in the order of [`Precision::COST_MAX`]; negative: won.
+    /// Percentage points lost against f32, in the order of [`Precision::COST_MAX`]; negative: gained.
     fn cost(self, manifest: &Manifest) -> Option<[f64; 2]> {
         let figures = |precision: Precision| {
             let metrics = &manifest.provenance.metrics;
@@ -40,7 +40,7 @@ impl Precision {
     }
 }
 
-/// What is faster than f32 where the processor multiplies with `level`, the fastest first (docs/PERFORMANCE.md).
+/// The precisions that are faster than f32 on a processor with `level`, the fastest first (docs/PERFORMANCE.md).
 fn faster(level: &str) -> &'static [Precision] {
     match level {
         "avx512bf16" => &[Precision::Int8, Precision::Bf16],
@@ -83,7 +83,7 @@ mod tests {
         let mut manifest = Manifest::untrained("kitti", network);
         let chosen = |level, manifest: &Manifest| auto(level, manifest, true).0;
         assert_eq!(chosen("avx512bf16", &manifest), F32, "nobody measured it");
-        // Known and unknown in f32, bf16, int8; what is chosen with bf16 instructions, and without.
+        // Figures (known, unknown) in f32, bf16, int8; the choice with bf16 instructions, and without.
         for (figures, with, without) in [
             ([80.0, 20.0, 80.0, 20.0, 79.6, 19.1], Int8, Int8),
             ([80.0, 20.0, 79.9, 19.9, 79.4, 20.0], Bf16, F32),

@@ -8,13 +8,13 @@ use crate::layers::{Frame, Layers};
 use crate::trace::{Observer, Steps, Watch};
 use crate::{plane::Coverage, precision::Precision, quant_scale::QuantScale, warm_up};
 
-/// The second one finds the memory of the first.
+/// The second frame finds the memory that the first one allocated.
 const WARM_UP_FRAMES: usize = 2;
 
 /// The network up to its feature rows, with all memory of a frame.
 ///
-/// [`Backbone::run`] computes a frame and says how many rows it has; [`Backbone::write_rows`] computes the last layers
-/// straight into the caller's memory. The same bits with any number of threads of rayon's ambient pool.
+/// [`Backbone::run`] computes a frame and returns its number of rows; [`Backbone::write_rows`] computes the last layers
+/// directly into the caller's memory. The bits do not depend on the number of threads of rayon's current pool.
 #[derive(Clone, Debug)]
 pub struct Backbone(Engine);
 
@@ -23,11 +23,11 @@ enum Engine {
     F32(Box<Layers<f32>>),
     Bf16(Box<Layers<Bf16>>),
     Int8(Box<Layers<u8>>),
-    /// The same counts and results where the processor multiplies no bytes.
+    /// The same values and results as `Int8`, for a processor without products of bytes.
     Int8Widened(Box<Layers<i16>>),
 }
 
-/// The same expression on the layers of any precision.
+/// Evaluates the same expression on the layers of any precision.
 macro_rules! on_layers {
     ($backbone:expr, $layers:ident => $value:expr) => {
         match $backbone {
@@ -71,8 +71,8 @@ impl Backbone {
         }))
     }
 
-    /// Runs frames of an invented scan, so that the first one that counts finds its memory mapped and its code and weights
-    /// in the caches. `manifest`: as at [`Backbone::new`]. Forgets the last frame.
+    /// Runs frames of a synthetic scan, so that the first real frame finds its memory mapped and its code and weights in the
+    /// caches. `manifest`: as for [`Backbone::new`]. Discards the last frame.
     pub fn warm_up(&mut self, manifest: &Manifest) -> Result<()> {
         let points = warm_up::scan(manifest);
         for _ in 0..WARM_UP_FRAMES {
@@ -83,7 +83,7 @@ impl Backbone {
         Ok(())
     }
 
-    /// What the layers multiply in.
+    /// The precision in which the layers multiply.
     pub fn precision(&self) -> Precision {
         match self.0 {
             Engine::F32(_) => Precision::F32,
@@ -97,7 +97,7 @@ impl Backbone {
         on_layers!(&self.0, layers => layers.map_shape())
     }
 
-    /// The last frame's ground, which boxes of a network with local input are measured from: z at the nodes of a
+    /// The last frame's ground, from which the boxes of a network with local input are measured: z at the nodes of a
     /// [`mluc_geometry::ground::GroundGrid`], m; empty for other networks.
     pub fn ground_m(&self) -> &[f32] {
         on_layers!(&self.0, layers => layers.ground_m())
@@ -117,12 +117,12 @@ impl Backbone {
         self.watched(points, Coverage::Active, Watch::Nobody)
     }
 
-    /// [`Backbone::run`] that says when each step is done, for measurements.
+    /// [`Backbone::run`] that reports when each step is done, for measurements.
     pub fn run_in_steps(&mut self, points: &[[f32; 4]], steps: Steps) -> Frame {
         self.watched(points, Coverage::Active, Watch::Steps(steps))
     }
 
-    /// [`Backbone::run`] that shows every level and may compute all cells.
+    /// [`Backbone::run`] that passes every level to `observe` and may compute all cells.
     pub fn run_observed(
         &mut self,
         points: &[[f32; 4]],
@@ -136,8 +136,8 @@ impl Backbone {
         on_layers!(&mut self.0, layers => layers.run(points, coverage, &mut watch))
     }
 
-    /// Writes the last frame's rows: `cells` (row * columns + column of the map, ascending; one a row) and `rows`
-    /// ([`Backbone::feature_channels`] values a cell). A cell without a row equals the response to an empty scene.
+    /// Writes the last frame's rows: `cells` (row * columns + column of the map, ascending; one per row) and `rows`
+    /// ([`Backbone::feature_channels`] values per cell). A cell without a row equals the response to an empty scene.
     pub fn write_rows(&self, cells: &mut [u32], rows: &mut [f32]) -> Result<()> {
         let found = self.cells();
         for (what, expected, given) in [
@@ -157,7 +157,7 @@ impl Backbone {
         Ok(())
     }
 
-    /// [`Backbone::write_rows`] into vectors of its own: cells and rows.
+    /// [`Backbone::write_rows`] into new vectors: cells and rows.
     pub fn last_rows(&self) -> Result<(Vec<u32>, Vec<f32>)> {
         let mut cells = vec![0; self.cells().len()];
         let mut rows = vec![f32::NAN; cells.len() * self.feature_channels()];

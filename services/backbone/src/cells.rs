@@ -1,8 +1,8 @@
-//! A set of cells of a bird's-eye map: those whose features can differ from the empty scene's.
+//! A set of cells of a bird's-eye map: the cells whose features can differ from the empty scene's features.
 
 use crate::sites::{even_bits, set_bits};
 
-/// Bits (every map row starts a fresh word) and the ascending list of the same cells.
+/// Bits (every map row starts a new word) and the ascending list of the same cells.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CellSet {
     /// Rows, columns.
@@ -16,7 +16,7 @@ pub(crate) struct CellSet {
 }
 
 impl CellSet {
-    /// Empty, on a map of rows (y) x columns (x).
+    /// An empty set on a map of rows (y) x columns (x).
     pub(crate) fn new(shape: [usize; 2]) -> CellSet {
         let words_per_row = shape[1].div_ceil(64);
         let words = vec![0; shape[0] * words_per_row];
@@ -30,7 +30,7 @@ impl CellSet {
         }
     }
 
-    /// Becomes the cells given as (row, column), in any order.
+    /// Sets the cells, given as (row, column) in any order.
     pub(crate) fn assign(&mut self, cells: impl Iterator<Item = [usize; 2]>) {
         self.words.fill(0);
         for [y, x] in cells {
@@ -39,7 +39,7 @@ impl CellSet {
         self.write_list();
     }
 
-    /// Becomes the cells of `other`, on a map of the same shape.
+    /// Copies the cells of `other`, on a map of the same shape.
     pub(crate) fn assign_same(&mut self, other: &CellSet) {
         self.words.copy_from_slice(&other.words);
         self.list.clone_from(&other.list);
@@ -50,7 +50,7 @@ impl CellSet {
         self.assign((0..rows * columns).map(|cell| [cell / columns, cell % columns]));
     }
 
-    /// Becomes the outputs of a 3x3 convolution with padding 1 that read any cell of `input`.
+    /// Sets the cells to the outputs of a 3x3 convolution with padding 1 that read any cell of `input`.
     pub(crate) fn assign_readers(&mut self, input: &CellSet, stride: usize) {
         debug_assert!((1..=2).contains(&stride));
         let words_in = input.words_per_row;
@@ -76,7 +76,7 @@ impl CellSet {
         self.write_list();
     }
 
-    /// Becomes the 2x2 patches of `input`'s cells, on a map twice its size.
+    /// Sets the cells to the 2x2 patches of `input`'s cells, on a map of twice the size.
     pub(crate) fn assign_doubled(&mut self, input: &CellSet) {
         let columns = input.shape[1];
         let cells = input.list.iter().map(|cell| *cell as usize);
@@ -85,7 +85,7 @@ impl CellSet {
         self.assign(corners.flat_map(patch));
     }
 
-    /// Calls `visit` with every cell that is here and not in `other`, ascending.
+    /// Calls `visit` with every cell that is in this set and not in `other`, ascending.
     pub(crate) fn for_each_missing(&self, other: &CellSet, mut visit: impl FnMut(usize)) {
         for (number, (here, there)) in self.words.iter().zip(&other.words).enumerate() {
             let first = self.first_cell(number);
@@ -118,7 +118,7 @@ impl CellSet {
     }
 }
 
-/// A word of `row` with both neighbours of each bit; 0 beyond the row.
+/// A word of `row` in which both neighbours of each bit are also set; 0 beyond the row.
 fn widened(row: &[u64], word: usize) -> u64 {
     let at = |word: Option<usize>| word.and_then(|word| row.get(word)).copied().unwrap_or(0);
     let (before, here, after) = (at(word.checked_sub(1)), at(Some(word)), at(Some(word + 1)));

@@ -21,11 +21,11 @@ impl<V: Value> Convolution<V> {
         }
     }
 
-    /// [`Convolution::new`] whose bias takes up what rounding does to an input of `empty_response` rows (in the scale of the rows
-    /// that it reads), so that its sums there are those of exact numbers.
+    /// [`Convolution::new`] with a bias that corrects the rounding errors of an input of `empty_response` rows (in the scale of
+    /// the rows that it reads), so that its sums for this input equal the sums of exact numbers.
     ///
-    /// Almost all of a map is its response to an empty scene, the same row at every cell: its rounding errors do not
-    /// cancel as random ones do, but add up from tap to tap and from layer to layer.
+    /// Almost all cells of a map have the response to an empty scene, the same row in every cell. Its rounding errors do not
+    /// cancel as random errors do: they add up from tap to tap and from layer to layer.
     pub(crate) fn around(layer: &Folded, empty_response: &[f32]) -> Convolution<V> {
         let mut convolution = Convolution::new(layer);
         if !V::ROUNDS {
@@ -43,7 +43,7 @@ impl<V: Value> Convolution<V> {
         convolution
     }
 
-    /// [`Convolution::around`], one convolution a tap: a transposed layer, whose taps write different outputs.
+    /// [`Convolution::around`] with one convolution per tap, for a transposed layer, whose taps write different outputs.
     pub(crate) fn by_tap(layer: &Folded, empty_response: &[f32]) -> Vec<Convolution<V>> {
         let taps = layer.weights.chunks_exact(layer.cin * layer.cout);
         taps.map(|tap| {
@@ -63,7 +63,7 @@ impl<V: Value> Convolution<V> {
         self.bias.len()
     }
 
-    /// Rows in, rows out; `output_rows` says where each goes (none: in order).
+    /// Computes output rows from input rows; `output_rows` names the place of each (`None`: in order).
     pub(crate) fn run<O: Element>(
         &self,
         input: &[V],
@@ -83,7 +83,7 @@ impl<V: Value> Convolution<V> {
     }
 }
 
-/// What a layer gives where every tap reads the same row: before the bias.
+/// The output of a layer before the bias, if every tap reads the same row.
 fn sums(layer: &Folded, row: &[f32]) -> Vec<f32> {
     let mut sums = vec![0.0; layer.cout];
     let weights = layer.weights.chunks_exact(layer.cout.max(1));
@@ -94,7 +94,7 @@ fn sums(layer: &Folded, row: &[f32]) -> Vec<f32> {
     sums
 }
 
-/// What a layer with its bias and ReLU gives where every tap reads the same row.
+/// The output of a layer with its bias and ReLU, if every tap reads the same row.
 pub(crate) fn response(layer: &Folded, row: &[f32]) -> Vec<f32> {
     let sums = sums(layer, row).into_iter().zip(&layer.bias);
     sums.map(|(sum, bias)| (sum + bias).max(0.0)).collect()

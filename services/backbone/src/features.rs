@@ -1,7 +1,7 @@
-//! Both blocks brought to full size and side by side: the feature rows (paper section 3.1).
+//! The feature rows: both blocks, upsampled to full size and concatenated (paper section 3.1).
 //!
-//! A row is up1's channels of the cell, then up2's. A cell has a row where block2's cell above it can differ from the
-//! empty scene; block2's first layer reads every cell of block1 that can, so these are all.
+//! A row has up1's channels of the cell, then up2's. A cell has a row if block2's cell that covers it can differ from the
+//! empty scene. These are all cells that can differ, because block2's first layer reads every such cell of block1.
 
 use mluc_kernels::Gather;
 use mluc_model::{Folded, Network, WeightSet};
@@ -10,26 +10,26 @@ use crate::error::{BackboneError, Result};
 use crate::plane::{MapRows, PlaneLayer};
 use crate::{cells::CellSet, convolution::Convolution, precision::Value, quant_scale::QuantScale};
 
-/// The two transposed layers, and which rows the present frame has.
+/// The two transposed layers, and the rows of the current frame.
 #[derive(Clone, Debug)]
 pub(crate) struct Features<V: Value> {
     up1: Convolution<V>,
-    /// One a position within a 2x2 patch.
+    /// One per position in a 2x2 patch.
     up2: Vec<Convolution<V>>,
     /// Cells that have a row.
     pub(crate) cells: CellSet,
-    /// Reads the cells of block1's map.
+    /// Gather of the cells of block1's map.
     gather1: Gather,
-    /// A row is two kernel rows: up1's half of each.
+    /// A feature row is two kernel rows. These are up1's halves.
     rows1: Vec<u32>,
-    /// Reads the active cells of block2's map.
+    /// Gather of the active cells of block2's map.
     gather2: Gather,
-    /// Up2's halves, by position.
+    /// The kernel rows of up2's halves, by position.
     rows2: [Vec<u32>; 4],
 }
 
 impl<V: Value> Features<V> {
-    /// `blocks`: what the last layers of block1 and block2 give; feature rows are f32.
+    /// `blocks`: the outputs of the last layers of block1 and block2; feature rows are f32.
     pub(crate) fn new(
         network: &Network,
         weights: &WeightSet,

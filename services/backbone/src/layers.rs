@@ -8,16 +8,16 @@ use crate::trace::{Place, Watch};
 use crate::{cells::CellSet, features::Features, precision::Value, quant_scale::QuantScale};
 use crate::{sites::Sites, sparse::SparsePart, voxelize::PointCounts};
 
-/// What a frame gave.
+/// The result of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Frame {
-    /// What became of the points.
+    /// Counts of the scan's points.
     pub points: PointCounts,
-    /// Feature rows to be written.
+    /// Number of feature rows to be written.
     pub rows: usize,
 }
 
-/// All layers, with all memory of a frame; `V` is what the rows between them hold.
+/// All layers, with all memory of a frame; `V` is the value type of the rows between them.
 #[derive(Clone, Debug)]
 pub(crate) struct Layers<V: Value> {
     sparse: SparsePart<V>,
@@ -33,7 +33,7 @@ pub(crate) struct Layers<V: Value> {
 }
 
 impl<V: Value> Layers<V> {
-    /// Of a checked model. `scale`: of a layer's output, by its name and channels.
+    /// From a checked model. `scale`: gives the scale of a layer's output by the layer's name and channels.
     pub(crate) fn new(
         manifest: &Manifest,
         weights: &WeightSet,
@@ -130,7 +130,7 @@ impl<V: Value> Layers<V> {
         }
     }
 
-    /// The sparse part's last sites become the bird's-eye map.
+    /// Writes the sparse part's last sites into the bird's-eye map.
     fn fold_height(&mut self) {
         let channels = self.map_channels;
         for cell in &self.occupied.list {
@@ -145,8 +145,8 @@ impl<V: Value> Layers<V> {
     }
 }
 
-/// Writes each site's row into its cell of `map`, one row a cell in (y, x) order; the rest stays as it is. Heights become
-/// channels: channel = c * depth + z (paper section 3.1: the height is folded into the channels, innermost).
+/// Writes each site's row into its cell of `map`, one row per cell in (y, x) order; the other values stay unchanged. Heights
+/// become channels: channel = c * depth + z (paper section 3.1: the height is folded into the channels, innermost).
 fn scatter<T: Copy>(sites: &Sites, rows: &[T], channels: usize, map: &mut [T]) {
     let [depth, _, width] = sites.shape();
     for (site, row) in sites.coordinates().iter().zip(rows.chunks_exact(channels)) {

@@ -1,6 +1,6 @@
 //! Points to bird's-eye feature rows: voxels, sparse 3-D convolutions, bird's-eye convolutions (paper section 3.1).
 //!
-//! [`Backbone`] is the stage. Its parts ([`voxelize`], [`Rulebooks`]) are plain functions that the trainer shares. Nothing here knows a process, a file or a clock.
+//! [`Backbone`] is the stage. The trainer shares its parts ([`voxelize`], [`Rulebooks`]). Nothing here uses a process, a file or a clock.
 
 mod auto;
 mod backbone;
@@ -32,7 +32,7 @@ pub use sites::Sites;
 pub use trace::{Level, Observer, Place, Steps};
 pub use voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, localize, voxelize};
 
-// Whatever a checked model gives fits the contract.
+// The limits of a checked model fit the limits of the contract.
 const _: () = assert!(mluc_model::MAP_CELLS_MAX <= mluc_ipc_types::CELLS_MAX);
 const _: () = assert!(mluc_model::FEATURE_CHANNELS_MAX <= mluc_ipc_types::FEATURE_CHANNELS_MAX);
 const _: () = assert!(mluc_model::CLASS_NAME_MAX <= mluc_ipc_types::CLASS_NAME_MAX);

@@ -1,8 +1,8 @@
 //! A 3x3 layer on the bird's-eye map, computed only where its input can differ from the empty scene.
 //!
-//! Far from any point a layer's output is its response to an empty scene: constant but for the zero padding's influence near the border. That response is
-//! computed once. A frame then computes the cells that read a cell which its input layer computed; neighbours outside read the stored response. The result
-//! equals the dense one: bit for bit, in f32 by tiles up to rounding. A network with `halo_layers` computes no further cells after so many layers.
+//! Far from any point, a layer's output is its response to an empty scene: constant, except near the border, where it depends on the zero padding.
+//! This response is computed once. In a frame, a layer computes the cells that read a computed cell of its input; neighbours outside have the stored
+//! response. The result equals the dense result: bit for bit, in f32 by tiles up to rounding. After `halo_layers` layers no further cells are added.
 
 use mluc_kernels::{ABSENT, Gather, Tiled, WeightsWinograd, WinogradTiles, convolve_winograd};
 use mluc_model::{DenseLayer, Folded, WeightSet};
@@ -11,25 +11,25 @@ use rayon::prelude::*;
 use crate::convolution::{Convolution, response};
 use crate::{cells::CellSet, error::Result, precision::Value, quant_scale::QuantScale};
 
-/// Which cells of the bird's-eye layers are computed.
+/// The cells of the bird's-eye layers that are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Coverage {
-    /// Those that can differ from the empty scene, as far as the network's halo reaches.
+    /// The cells that can differ from the empty scene, as far as the network's halo reaches.
     Active,
-    /// All: slower; the same result where the halo has no end. For tests and for the stored responses.
+    /// All cells: slower; the same result if the halo is unlimited. For tests and for the stored responses.
     Everywhere,
 }
 
-/// Cells that one task looks up.
+/// Number of cells that one task looks up.
 const CELLS_A_TASK: usize = 2048;
 
-/// What the rows of a map hold.
+/// Shape, scale and empty response of a map's rows.
 #[derive(Clone, Debug)]
 pub(crate) struct MapRows {
     /// Rows (y), columns (x).
     pub(crate) shape: [usize; 2],
     pub(crate) scale: QuantScale,
-    /// The row of an empty scene far from the border, in exact numbers.
+    /// The row of an empty scene far from the border, as exact numbers.
     pub(crate) empty_response: Vec<f32>,
 }
 
@@ -38,16 +38,16 @@ pub(crate) struct MapRows {
 pub(crate) struct PlaneLayer<V: Value> {
     pub(crate) name: String,
     pub(crate) output: MapRows,
-    /// One row a cell; rows outside `active` hold the empty scene's.
+    /// One row per cell; rows outside `active` have the empty scene's values.
     pub(crate) values: Vec<V>,
     /// Cells that may differ from the empty scene.
     pub(crate) active: CellSet,
     convolution: Convolution<V>,
     stride: usize,
-    /// Computes the cells around those of its input as well.
+    /// Whether the layer also computes the cells around the cells of its input.
     has_halo: bool,
     input_shape: [usize; 2],
-    /// Cells of the input that are not active are zero: their taps need not be computed.
+    /// Whether inactive cells of the input are zero, so that their taps need not be computed.
     input_zero_elsewhere: bool,
     /// The response to an empty scene.
     pub(crate) empty: Vec<V>,
@@ -56,7 +56,7 @@ pub(crate) struct PlaneLayer<V: Value> {
     by_tiles: Option<ByTiles<V::Tiled>>,
 }
 
-/// A layer of stride 1 in f32 or i16: tiles of 2x2 cells take 16 products where 4 windows take 36.
+/// Tiles of a layer of stride 1 in f32 or i16: a tile of 2x2 cells takes 16 products, its 4 windows would take 36.
 #[derive(Clone, Debug)]
 struct ByTiles<I: Tiled> {
     weights: WeightsWinograd<I>,
@@ -64,8 +64,8 @@ struct ByTiles<I: Tiled> {
 }
 
 impl<V: Value> PlaneLayer<V> {
-    /// `input`: what it reads; `scale`: of its own values. `reads_sparse_map`: its input is zero where no site lies; what is left of the direct sum when zeros
-    /// are skipped is less than tiles would take. `has_halo`: it computes every cell that reads one of its input's, not those cells alone.
+    /// `input`: the rows that it reads; `scale`: of its own values. `reads_sparse_map`: its input is zero where no site lies; without the zeros the
+    /// direct sum takes fewer products than tiles. `has_halo`: it computes every cell that reads a cell of its input, not only the input's cells.
     pub(crate) fn new(
         layer: &DenseLayer,
         weights: &WeightSet,
@@ -111,7 +111,7 @@ impl<V: Value> PlaneLayer<V> {
         })
     }
 
-    /// Computes this layer from the map before it, of which `input_active` cells may differ from the empty scene.
+    /// Computes this layer from the map before it, in which only the cells `input_active` may differ from the empty scene.
     pub(crate) fn run(&mut self, input: &[V], input_active: &CellSet, coverage: Coverage) {
         std::mem::swap(&mut self.active, &mut self.previous);
         match coverage {
@@ -137,7 +137,7 @@ impl<V: Value> PlaneLayer<V> {
             .run(input, gather, output_rows, &mut self.values);
     }
 
-    /// The active cells by tiles, where this layer can.
+    /// Computes the active cells by tiles; `None` if this layer cannot.
     fn run_by_tiles(&mut self, input: &[V]) -> Option<()> {
         let ByTiles { weights, tiles } = self.by_tiles.as_mut()?;
         let (input, output) = V::tiled(input, &mut self.values)?;
@@ -151,7 +151,7 @@ impl<V: Value> PlaneLayer<V> {
     }
 }
 
-/// 3x3 windows (padding 1) around the `active` output cells: which cell of the input map each tap reads. `read`: the only cells worth reading.
+/// 3x3 windows (padding 1) around the `active` output cells: the input cell that each tap reads. `read`: the only cells that have to be read.
 fn window_gather(
     active: &CellSet,
     input_shape: [usize; 2],
@@ -204,7 +204,7 @@ mod tests {
         assert_eq!(gather.index[9..], [1, 2, o, 4, 5, o, o, o, o]);
         window_gather(&cells, [2, 3], 1, Some(&cells), &mut gather);
         let present = gather.index.iter().filter(|cell| **cell != ABSENT);
-        // Of the two cells neither sees the other.
+        // Neither of the two cells reads the other.
         assert!(present.eq(&[0, 5]));
         window_gather(&cells, [4, 6], 2, None, &mut gather);
         assert_eq!(gather.index[9..], [9, 10, 11, 15, 16, 17, 21, 22, 23]);

@@ -1,11 +1,11 @@
-//! In what precision the layers multiply.
+//! The precision in which the layers multiply.
 
 use mluc_kernels::{Bf16, Element, Tiled};
 use serde::{Deserialize, Serialize};
 
-/// What rows and weights hold between the first layer and the feature rows.
+/// The number format of rows and weights between the first layer and the feature rows.
 ///
-/// The first sparse layer reads coordinates in m, of which bf16 would keep 8 bits: it is computed in f32, and the feature rows leave as f32.
+/// The first sparse layer reads coordinates in m, of which bf16 would keep 8 bits: it is computed in f32. The feature rows are f32 too.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
@@ -14,18 +14,18 @@ pub enum Precision {
     /// 32 bits.
     #[default]
     F32,
-    /// 16 bits, 8 of them of the fraction: half the memory, and twice the products a cycle where the processor has them. Sums are f32.
+    /// 16 bits, 8 of them of the fraction: half the memory, and twice the products per cycle on a processor that has them. Sums are f32.
     Bf16,
-    /// 8 bits, with a scale for each channel: a quarter of the memory, and four times the products a cycle
-    /// where the processor has them. Sums are exact. The model needs a calibration.
+    /// 8 bits, with a scale for each channel: a quarter of the memory, and four times the products per cycle
+    /// on a processor that has them. Sums are exact. The model needs a calibration.
     Int8,
 }
 
 impl Precision {
-    /// What layers can multiply in, the most exact first.
+    /// The precisions in which layers can multiply, the most exact first.
     pub const ALL: [Precision; 3] = [Precision::F32, Precision::Bf16, Precision::Int8];
 
-    /// As configurations write it: `auto`, `f32`, `bf16`, `int8`.
+    /// The name in configurations: `auto`, `f32`, `bf16`, `int8`.
     pub fn name(self) -> &'static str {
         match self {
             Precision::Auto => "auto",
@@ -42,23 +42,23 @@ impl std::fmt::Display for Precision {
     }
 }
 
-/// What a layer by tiles reads and writes.
+/// The rows that a layer by tiles reads and writes.
 type TiledRows<'a, I> = (&'a [I], &'a mut [I]);
 
-/// What the rows between two layers hold.
+/// A value of the rows between two layers.
 pub(crate) trait Value: Element + std::fmt::Debug + 'static {
-    /// What layers by tiles multiply: itself, or it has none.
+    /// The type that layers by tiles multiply; not used if [`Value::tiled`] returns `None`.
     type Tiled: Tiled + std::fmt::Debug;
 
-    /// Whether a value or a weight is rounded when it becomes one of these.
+    /// Whether the conversion of a value or a weight to this type rounds.
     const ROUNDS: bool = true;
 
-    /// Rows to be read and rows to be written, where layers by tiles multiply them.
+    /// The rows to read and the rows to write, if layers by tiles multiply this type.
     fn tiled<'a>(_: &'a [Self], _: &'a mut [Self]) -> Option<TiledRows<'a, Self::Tiled>> {
         None
     }
 
-    /// The same values as f32; `spare` is used where they have to be written out.
+    /// The same values as f32; converted values are written to `spare`.
     fn as_f32<'a>(values: &'a [Self], spare: &'a mut Vec<f32>) -> &'a [f32] {
         spare.clear();
         spare.extend(values.iter().map(|value| value.to_f32()));
@@ -83,12 +83,12 @@ impl Value for Bf16 {
     type Tiled = f32;
 }
 
-/// Counts whose scale differs from channel to channel, see [`crate::quant_scale::QuantScale`].
+/// Counts with a scale for each channel, see [`crate::quant_scale::QuantScale`].
 impl Value for u8 {
     type Tiled = i16;
 }
 
-/// Counts as those of u8.
+/// The same counts as u8.
 impl Value for i16 {
     type Tiled = i16;
 

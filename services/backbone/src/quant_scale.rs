@@ -1,7 +1,7 @@
-//! The scale of int8 rows: the value of a count of 1 in each channel, a 255th of the channel's range in the calibration.
+//! The scale of int8 rows: the value of a count of 1 in each channel, which is 1/255 of the channel's range in the calibration.
 //!
-//! A value is its count times the scale. A layer that reads and writes counts has weights w * scale of the input / scale of the
-//! output and the bias over the scale of the output; the kernel then rounds the weights of each output channel to 127ths
+//! A value is its count times the scale. A layer that reads and writes counts has the weights w * input scale / output scale,
+//! and its bias is divided by the output scale; the kernel then rounds the weights of each output channel to multiples of 1/127
 //! of the largest. So a range for each channel costs nothing at run time.
 
 use mluc_model::{Folded, WeightSet};
@@ -13,12 +13,12 @@ use crate::error::Result;
 pub(crate) struct QuantScale(pub(crate) Option<Vec<f32>>);
 
 impl QuantScale {
-    /// Of rows that hold plain numbers.
+    /// The scale of rows of plain numbers.
     pub(crate) fn identity() -> QuantScale {
         QuantScale(None)
     }
 
-    /// Of a layer's output, by the calibration of a checked model that has one.
+    /// The scale of a layer's output, from the calibration of a checked model that has one.
     pub(crate) fn of_layer(
         weights: &WeightSet,
         layer: &str,
@@ -29,13 +29,13 @@ impl QuantScale {
         Ok(QuantScale(Some(scale.collect())))
     }
 
-    /// Each scale so many times in a row: of channels that are the same ones at several heights.
+    /// Each scale repeated `times` times in succession, for channels that stand for the same channel at several heights.
     pub(crate) fn repeated(&self, times: usize) -> QuantScale {
         let repeat = |scale: &Vec<f32>| scale.iter().flat_map(|one| [*one].repeat(times)).collect();
         QuantScale(self.0.as_ref().map(repeat))
     }
 
-    /// The layer from counts of `input` to counts of `output`.
+    /// The layer converted to read counts of `input` and to write counts of `output`.
     pub(crate) fn between(input: &QuantScale, output: &QuantScale, mut layer: Folded) -> Folded {
         if let Some(scale) = &input.0 {
             let rows = layer.weights.chunks_exact_mut(layer.cout);
@@ -53,7 +53,7 @@ impl QuantScale {
         layer
     }
 
-    /// Turns counts into values; `rows`: of the channels.
+    /// Converts counts to values in place; `rows`: whole rows.
     pub(crate) fn apply(&self, rows: &mut [f32]) {
         if let Some(scale) = &self.0 {
             for row in rows.chunks_exact_mut(scale.len()) {
@@ -63,7 +63,7 @@ impl QuantScale {
         }
     }
 
-    /// Values as counts, not rounded.
+    /// Converts values to counts, without rounding.
     pub(crate) fn counts(&self, row: &[f32]) -> Vec<f32> {
         let Some(scale) = &self.0 else {
             return row.to_vec();

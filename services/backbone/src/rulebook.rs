@@ -1,7 +1,7 @@
-//! Which input site each tap of each output site reads ("rulebook" in the sparse-convolution literature).
+//! The input site that each tap of each output site reads ("rulebook" in the sparse-convolution literature).
 //!
-//! A submanifold layer keeps its input's sites; a strided one has a site wherever its window holds any input, or, with `floor`, at
-//! floor(site / stride) of each input. Taps are in (kz, ky, kx) order, the order of the weights.
+//! A submanifold layer keeps its input's sites; a strided layer has a site wherever the window contains any input, or, with `floor`,
+//! at floor(site / stride) of each input. Taps are in (kz, ky, kx) order, the order of the weights.
 
 use mluc_kernels::{ABSENT, Gather, at_best};
 use mluc_model::{KERNEL_MAX, SparseLayer};
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::sites::{Sites, even_bits};
 
-/// Output sites that one task looks up: some 50 microseconds of work.
+/// Number of output sites that one task looks up: about 50 microseconds of work.
 const ROWS_A_TASK: usize = 1024;
 
 /// The sites of a strided layer. `output` has the layer's output shape.
@@ -41,7 +41,7 @@ fn insert_cells(layer: &SparseLayer, input: &Sites, output: &mut Sites) {
     }
 }
 
-/// 64 cells of an x-row at a time: `readers_of` turns the bits of a word that begins at x into those of the cells from x / stride on that read them.
+/// Inserts 64 cells of an x-row at a time: `readers_of` maps a word of input cells from x on to the cells from x / stride on that read them.
 fn insert_words(
     layer: &SparseLayer,
     input: &Sites,
@@ -60,12 +60,12 @@ fn insert_words(
     }
 }
 
-/// Windows of three cells about every second one: cell o reads 2 o - 1 to 2 o + 1. The last input is read by the first cell beyond the 32 as well.
+/// Windows of three cells around every second cell: cell o reads 2 o - 1 to 2 o + 1. The first cell beyond the 32 also reads the last input.
 fn halved(word: u64) -> u64 {
     even_bits(word | word << 1 | word >> 1) | (word >> 63) << 32
 }
 
-/// Output positions along one axis that exist for `at`: all o whose window holds it, o * stride - padding <= at < that + kernel; or its floor.
+/// Output positions along one axis that exist for `at`: all o with 0 <= at - (o * stride - padding) < kernel; with `floor` floor(at / stride).
 fn readers(layer: &SparseLayer, axis: usize, at: usize, edge: usize) -> std::ops::Range<usize> {
     let (kernel, stride) = (layer.kernel[axis], layer.stride[axis]);
     if layer.floor {
@@ -86,7 +86,7 @@ pub(crate) fn gather(layer: &SparseLayer, input: &Sites, output: &Sites, table: 
         .for_each(|(rows, sites)| at_best!(look_up(layer, input, sites, rows)));
 }
 
-/// The taps of output sites, inlined down to the population count. Those in an x-row read the same x-rows of the input.
+/// Looks up the taps of output sites, inlined down to the population count. Sites of one x-row read the same x-rows of the input.
 #[inline(always)]
 fn look_up(layer: &SparseLayer, input: &Sites, sites: &[[u16; 3]], taps: &mut [u32]) {
     let origin = |site: [u16; 3], i: usize| {
@@ -103,7 +103,7 @@ fn look_up(layer: &SparseLayer, input: &Sites, sites: &[[u16; 3]], taps: &mut [u
                 *x_row = input.x_row(z + step[0], y + step[1]);
             }
         }
-        // The usual widths are spelt out: with a constant length the loop over a row of taps unrolls.
+        // The common widths are constants: with a constant length the loop over a row of taps unrolls.
         match width {
             1 => look_along::<1>(input, &x_rows, x, taps),
             3 => look_along::<3>(input, &x_rows, x, taps),
@@ -134,7 +134,7 @@ mod tests {
     use crate::testing::{random_sites, rulebook};
     use mluc_model::{Grid, Network};
 
-    /// Every output cell, every tap, by the definition.
+    /// Computes every output cell and every tap by the definition.
     fn brute_force(layer: &SparseLayer, input: &Sites) -> (Vec<[u16; 3]>, Vec<u32>) {
         let [depth, height, width] = layer.output_shape(input.shape());
         let [_, rows, columns] = layer.kernel;

@@ -21,7 +21,7 @@ pub struct Rulebooks {
 }
 
 impl Rulebooks {
-    /// Memory for `network` and any scan: pages that no scan has needed yet are reserved, not touched.
+    /// Reserves memory for `network` and any scan; a page is not touched before a scan needs it.
     pub fn new(network: &Network) -> Rulebooks {
         let mut books = Rulebooks::default();
         let sites_max = network.sites_max();

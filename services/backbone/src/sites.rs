@@ -1,8 +1,8 @@
 //! The occupied cells of one resolution ("sites"), sorted by (z, y, x), with a lookup from position to row number.
 //!
-//! A presence bit a cell (every x-row starts a fresh 64-bit word), and beside each word the number of sites before it:
-//! a lookup is two loads and a population count. A second bitmap, one bit a word, says which words are in use, so that
-//! sorting and clearing touch those alone and a frame costs nothing for the empty rest of the grid.
+//! Each cell has a presence bit (every x-row starts a new 64-bit word), and each word has the number of sites before it: a
+//! lookup is two loads and a population count. A second bitmap, one bit per word, marks the words in use. Sorting and
+//! clearing touch these words alone, so the empty rest of the grid costs nothing.
 
 use mluc_kernels::ABSENT;
 
@@ -13,9 +13,9 @@ pub struct Sites {
     words_per_row: usize,
     /// Presence, x along the bits.
     words: Vec<u64>,
-    /// Sites before each word that is in use; stale elsewhere.
+    /// Number of sites before each word in use; stale for other words.
     sites_before: Vec<u32>,
-    /// Which words are in use.
+    /// Marks the words in use, one bit per word.
     used: Vec<u64>,
     coordinates: Vec<[u16; 3]>,
     count: usize,
@@ -24,7 +24,7 @@ pub struct Sites {
 impl Sites {
     /// No sites yet on a grid of `shape` (z, y, x).
     ///
-    /// Panics where an edge exceeds 65,536 cells: a checked manifest bounds them.
+    /// Panics if an edge exceeds 65,536 cells; a checked manifest bounds the edges.
     pub fn new(shape: [usize; 3]) -> Sites {
         let fits = shape.iter().all(|edge| *edge <= 1 << 16);
         assert!(fits, "grid {shape:?} is too large");
@@ -41,7 +41,7 @@ impl Sites {
         }
     }
 
-    /// Makes room for `count` sites; more are no error.
+    /// Makes room for `count` sites; inserting more is allowed.
     pub fn reserve(&mut self, count: usize) {
         let more = count.saturating_sub(self.coordinates.len());
         self.coordinates.reserve(more);
@@ -52,12 +52,12 @@ impl Sites {
         self.shape
     }
 
-    /// Sites inserted.
+    /// Number of inserted sites.
     pub fn len(&self) -> usize {
         self.count
     }
 
-    /// No site.
+    /// Whether there is no site.
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }
@@ -67,7 +67,7 @@ impl Sites {
         &self.coordinates
     }
 
-    /// Forgets all sites; the memory stays.
+    /// Removes all sites; the memory is kept.
     pub fn clear(&mut self) {
         for (group, used) in self.used.iter_mut().enumerate() {
             for bit in set_bits(std::mem::take(used)) {
@@ -78,7 +78,7 @@ impl Sites {
         self.count = 0;
     }
 
-    /// Where the bit of a cell of the grid lies; good for the next functions.
+    /// Address of the bit of a cell of the grid, for the functions below.
     #[inline(always)]
     pub(crate) fn address(&self, z: usize, y: usize, x: usize) -> usize {
         (z * self.shape[1] + y) * self.words_per_row * 64 + x
@@ -89,7 +89,7 @@ impl Sites {
         self.words[address / 64] & (1 << (address % 64)) != 0
     }
 
-    /// Adds the cell at an address; true where it was not there.
+    /// Adds the cell at an address; true if it was not a site before.
     pub(crate) fn insert_at(&mut self, address: usize) -> bool {
         let (word, bit) = (address / 64, 1 << (address % 64));
         let present = self.words[word];
@@ -100,12 +100,12 @@ impl Sites {
         fresh
     }
 
-    /// Adds a cell of the grid; true where it was not there.
+    /// Adds a cell of the grid; true if it was not a site before.
     pub fn insert(&mut self, z: usize, y: usize, x: usize) -> bool {
         self.insert_at(self.address(z, y, x))
     }
 
-    /// Adds the cells of an x-row from `x` on whose bits are set; those beyond the grid are left out.
+    /// Adds the cells of an x-row from `x` on whose bits are set; cells beyond the grid are left out.
     pub(crate) fn insert_word(&mut self, z: usize, y: usize, x: usize, bits: u64) {
         let shift = (x % 64) as u32;
         let carried = bits.unbounded_shr(64 - shift);
@@ -153,22 +153,22 @@ impl Sites {
         }
     }
 
-    /// Sites before the cell at an address; if the cell is a site: its row number. Of a word in use, after [`Sites::finish`].
+    /// Number of sites before the cell at an address; for a site, its row number. Valid for words in use, after [`Sites::finish`].
     #[inline(always)]
     pub(crate) fn index_at(&self, address: usize) -> u32 {
         let (word, bit) = (address / 64, 1 << (address % 64));
         self.sites_before[word] + (self.words[word] & (bit - 1)).count_ones()
     }
 
-    /// Where the words of an x-row begin; `None` off the grid.
+    /// Index of the first word of an x-row; `None` outside the grid.
     pub(crate) fn x_row(&self, z: isize, y: isize) -> Option<usize> {
-        // As unsigned numbers, those below 0 are beyond the grid.
+        // As unsigned numbers, negative coordinates are beyond the grid.
         let is_inside = (z as usize) < self.shape[0] && (y as usize) < self.shape[1];
         is_inside.then(|| (z as usize * self.shape[1] + y as usize) * self.words_per_row)
     }
 
-    /// Row numbers of `found.len()` (at most 64) cells of an [`Sites::x_row`] from `x` on, which may begin and end off the
-    /// grid; [`ABSENT`] where there is no site. After [`Sites::finish`].
+    /// Row numbers of `found.len()` (at most 64) cells of an [`Sites::x_row`] from `x` on; the cells may begin and end outside
+    /// the grid. [`ABSENT`] for a cell without a site. Valid after [`Sites::finish`].
     #[inline(always)]
     pub(crate) fn look_along(&self, x_row: Option<usize>, x: isize, found: &mut [u32]) {
         let Some(row) = x_row.filter(|_| x < self.shape[2] as isize) else {
@@ -181,13 +181,13 @@ impl Sites {
         let mut number = self.index_at(word * 64 + shift);
         if shift + found.len() > 64 && word + 1 < row + self.words_per_row {
             bits |= self.words[word + 1] << (64 - shift);
-            // The count beside an unused word is stale.
+            // The count of an unused word is stale.
             if present == 0 {
                 number = self.sites_before[word + 1];
             }
         }
         bits = bits.unbounded_shl(skipped as u32);
-        // The sites of an x-row are numbered in a row, so one count serves them all. No branch: the pattern of sites cannot be predicted.
+        // The sites of an x-row have consecutive numbers, so one count is enough. No branch: the pattern of sites cannot be predicted.
         for found in found {
             let site = (bits & 1) as u32;
             *found = number | site.wrapping_sub(1);

@@ -16,24 +16,24 @@ use crate::{convolution::Convolution, precision::Value, quant_scale::QuantScale,
 pub(crate) struct SparsePart<V: Value> {
     network: Network,
     uses_intensity: bool,
-    /// Of a network whose input is local.
+    /// The ground finder of a network with local input.
     ground: Option<GroundGrid>,
-    /// The scan with heights above the ground for z.
+    /// The scan with the height above the ground as z.
     levelled: Vec<[f32; 4]>,
-    /// Reads coordinates, so in f32 whatever the others multiply in.
+    /// The first layer reads coordinates, so it is f32 in every precision.
     first: Convolution<f32>,
     others: Vec<Convolution<V>>,
-    /// Of each layer's output.
+    /// Scale of each layer's output.
     scale: Vec<QuantScale>,
     voxels: Voxels,
     books: Rulebooks,
-    /// Output of the last layer that ran, and of the one before.
+    /// Output of the last layer that ran (`rows`), and of the layer before it (`spare`).
     pub(crate) rows: Vec<V>,
     spare: Vec<V>,
 }
 
 impl<V: Value> SparsePart<V> {
-    /// Of a checked manifest, which has a sparse layer at least. `scale`: of a layer's output, by its name and channels.
+    /// From a checked manifest, which has at least one sparse layer. `scale`: gives the scale of a layer's output by its name and channels.
     pub(crate) fn new(
         manifest: &Manifest,
         weights: &WeightSet,
@@ -121,7 +121,7 @@ impl<V: Value> SparsePart<V> {
     }
 }
 
-/// The points with their height above the ground in place of z.
+/// Copies the points with their height above the ground as z.
 fn level(points: &[[f32; 4]], ground_m: &[f32], levelled: &mut Vec<[f32; 4]>) {
     levelled.resize(points.len(), [0.0; 4]);
     let chunks = levelled.par_chunks_mut(POINTS_A_TASK);

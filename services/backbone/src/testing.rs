@@ -19,7 +19,7 @@ pub(crate) fn random_sites(shape: [usize; 3], count: usize, seed: u64) -> Sites 
     sites
 }
 
-/// A layer's output sites (of a submanifold layer those of its input) and its gather.
+/// A layer's output sites (for a submanifold layer its input's sites) and its gather.
 pub(crate) fn rulebook(layer: &SparseLayer, input: &Sites) -> (Sites, Gather) {
     let mut output = input.clone();
     if !layer.submanifold {

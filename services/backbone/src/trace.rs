@@ -1,45 +1,45 @@
-//! Looking at a frame between the layers, for tests against other implementations.
+//! Observation of a frame between the layers, for tests against other implementations.
 
 use crate::{precision::Value, quant_scale::QuantScale, sites::Sites};
 
-/// Where the rows of a level lie.
+/// The positions of a level's rows.
 #[derive(Clone, Copy, Debug)]
 pub enum Place<'a> {
-    /// One row a site of a sparse map.
+    /// One row per site of a sparse map.
     Sites(&'a Sites),
-    /// One row a cell of a map with so many rows (y) and columns (x), in that order.
+    /// One row per cell of a map with this number of rows (y) and columns (x), in that order.
     Map([usize; 2]),
 }
 
 /// The output of one layer.
 #[derive(Clone, Copy, Debug)]
 pub struct Level<'a> {
-    /// `voxels`, `bev`, or the layer's name.
+    /// Name: `voxels`, `bev`, or the layer's name.
     pub name: &'a str,
-    /// Where its rows lie.
+    /// The positions of its rows.
     pub place: Place<'a>,
-    /// Of a row.
+    /// Number of channels of a row.
     pub channels: usize,
-    /// Row after row.
+    /// Values, row after row.
     pub values: &'a [f32],
 }
 
 /// Called with each level of a frame, in order.
 pub type Observer<'a> = &'a mut dyn FnMut(Level);
 
-/// Called after each step of a frame, in order, with its name (`ground`, `voxels`, `rulebooks`, `bev`, `rows`, or the layer's): the caller may look at a clock.
+/// Called after each step of a frame, in order, with its name (`ground`, `voxels`, `rulebooks`, `bev`, `rows`, or the layer's), to measure times.
 pub type Steps<'a> = &'a mut dyn FnMut(&str);
 
-/// Who looks on while a frame is computed.
+/// The observer of a frame while it is computed.
 pub(crate) enum Watch<'a> {
     Nobody,
     Steps(Steps<'a>),
-    /// With room for rows that are not f32 and have to be written out.
+    /// With room for rows that have to be converted to f32.
     Levels(Observer<'a>, Vec<f32>),
 }
 
 impl Watch<'_> {
-    /// Shows the rows of a level, in the scale given; whether anybody looks is decided here.
+    /// Passes the rows of a level, with their scale applied, to the observer, if there is one.
     pub(crate) fn level<V: Value>(
         &mut self,
         name: &str,

@@ -7,40 +7,40 @@ use rayon::prelude::*;
 
 use crate::sites::Sites;
 
-/// In place of an address; none is as large.
+/// Values in place of an address; no address is as large.
 const NON_FINITE: usize = usize::MAX;
 const OUT_OF_RANGE: usize = usize::MAX - 1;
-/// Points that one task looks at: some 50 microseconds of work.
+/// Number of points per task: about 50 microseconds of work.
 pub(crate) const POINTS_A_TASK: usize = 8192;
 
 /// Channels of a voxel's row: x, y, z (m), intensity.
 pub const VOXEL_CHANNELS: usize = 4;
 
-/// What became of a scan's points.
+/// Counts of a scan's points: used, or left out and why.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PointCounts {
-    /// Points of the scan.
+    /// Number of points of the scan.
     pub points: u32,
-    /// Left out: a coordinate or the intensity is NaN or infinite.
+    /// Points left out because a coordinate or the intensity is NaN or infinite.
     pub non_finite: u32,
-    /// Left out: outside the grid.
+    /// Points left out because they are outside the grid.
     pub out_of_range: u32,
-    /// Left out: they would have opened a voxel beyond `voxels_max`.
+    /// Points left out because they would have opened a voxel beyond `voxels_max`.
     pub over_voxels_max: u32,
-    /// Inside the grid.
+    /// Points inside the grid.
     pub in_range: u32,
-    /// Voxels.
+    /// Number of voxels.
     pub voxels: u32,
 }
 
 /// The voxels of one scan; reused from frame to frame.
 #[derive(Clone, Debug)]
 pub struct Voxels {
-    /// Occupied voxels of the grid, whose depth is that of the network's first sparse map.
+    /// Occupied voxels of the grid; it has the depth of the network's first sparse map.
     pub sites: Sites,
-    /// One row a site: mean x, y, z (m, sensor frame), intensity.
+    /// One row per site: mean x, y, z (m, sensor frame), intensity.
     pub rows: Vec<f32>,
-    /// Address of every point's voxel, or why it has none.
+    /// Address of every point's voxel, or the reason why it has none.
     addresses: Vec<usize>,
     /// Address and point number of every point that has a voxel, in file order.
     placed: Vec<(usize, u32)>,
@@ -48,7 +48,7 @@ pub struct Voxels {
 }
 
 impl Voxels {
-    /// Memory for scans on `grid`, of as many points as the contract allows; larger ones take more on their way.
+    /// Memory for scans on `grid` with as many points as the contract allows; larger scans allocate more.
     pub fn new(grid: &Grid) -> Voxels {
         let voxels_max = grid.voxels_max as usize;
         let mut sites = Sites::new(grid.sparse_shape());
@@ -79,8 +79,8 @@ pub fn voxelize(
     counts
 }
 
-/// Rows of [`mluc_model::VoxelInput::Local`] from those of heights above the ground: mean x and y become the way from the voxel's centre,
-/// in voxels; intensity goes.
+/// Converts rows with heights above the ground to rows of [`mluc_model::VoxelInput::Local`]: mean x and y become the offset from the
+/// voxel's centre, in voxels; intensity becomes 0.
 pub fn localize(grid: &Grid, voxels: &mut Voxels) {
     let sites = voxels.sites.coordinates();
     for (row, [_, y, x]) in voxels.rows.chunks_exact_mut(VOXEL_CHANNELS).zip(sites) {
@@ -92,7 +92,7 @@ pub fn localize(grid: &Grid, voxels: &mut Voxels) {
     }
 }
 
-/// Opens the voxels and notes each point's.
+/// Opens the voxels and records the voxel of each point.
 fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
     let mut counts = PointCounts {
         points: points.len() as u32,
@@ -125,12 +125,12 @@ fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
     counts
 }
 
-/// The address of each point's voxel.
+/// Finds the address of each point's voxel.
 fn find(points: &[[f32; 4]], grid: &Grid, sites: &Sites, addresses: &mut [usize]) {
     let cells = grid.cells().map(|cells| cells as f32);
     at_best!({
         for (point, address) in points.iter().zip(addresses) {
-            // Not below 0 where it is inside, so that the cast below is the floor.
+            // Not negative inside the grid, so that the cast below is the floor.
             let cell = [0, 1, 2].map(|i| (point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]);
             let inside = |i: usize| (cell[i] >= 0.0) & (cell[i] < cells[i]);
             let [x, y, z] = cell.map(|cell| cell as usize);
@@ -192,7 +192,7 @@ mod tests {
         (0..count).map(point).collect()
     }
 
-    /// Voxel by voxel with a map and plain lists.
+    /// A simple implementation, voxel by voxel with a map and lists.
     fn plain(points: &[[f32; 4]], grid: &Grid) -> (Vec<[usize; 3]>, Vec<f32>, u32) {
         let mut voxels = std::collections::BTreeMap::<[usize; 3], Vec<[f32; 4]>>::new();
         let mut left_out = 0;
@@ -233,7 +233,7 @@ mod tests {
             assert_eq!(counts.voxels as usize, sites.len());
             let all = counts.in_range + counts.out_of_range + counts.non_finite;
             assert_eq!(all, count as u32);
-            // The largest exercises the limits.
+            // The largest scan reaches the limits.
             let is_large = count == 3000;
             assert!(!is_large || counts.over_voxels_max > 0 && counts.out_of_range > 0);
         }

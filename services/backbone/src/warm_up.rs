@@ -1,14 +1,14 @@
-//! A scan that never was, to run before the first one that counts: memory is touched, code and weights are in the caches.
+//! A synthetic scan to run before the first real scan: it touches the memory and brings code and weights into the caches.
 
 use mluc_model::Manifest;
 
 /// Beams and columns: as many points as a large sensor has.
 const BEAMS: usize = 64;
 const COLUMNS: usize = 1800;
-/// The lowest beam; the highest is level. That of a common 64-beam sensor, rad.
+/// Elevation of the lowest beam, as of a common 64-beam sensor, rad; the highest beam is level.
 const LOWEST_RAD: f32 = -0.43;
 
-/// Ground around the sensor, and walls, nearer and farther, where no beam meets the ground inside the range.
+/// Ground around the sensor, and walls at several distances for the beams that meet no ground inside the range.
 pub(crate) fn scan(manifest: &Manifest) -> Vec<[f32; 4]> {
     let grid = &manifest.network.grid;
     let top_m = grid.range_max_m[2];
@@ -19,7 +19,7 @@ pub(crate) fn scan(manifest: &Manifest) -> Vec<[f32; 4]> {
         let down = LOWEST_RAD * (beam as f32 + 0.5) / BEAMS as f32;
         let around = std::f32::consts::TAU * column as f32 / COLUMNS as f32;
         let ground_m = manifest.sensor_height_m / -down.tan();
-        // Twelve walls around the sensor at a quarter to the whole of the range.
+        // Twelve walls around the sensor, at 0.25 to 1 times the range.
         let wall_m = far_m * (0.25 + 0.75 * ((column * 12 / COLUMNS * 5 % 12) as f32 / 12.0));
         let range_m = ground_m.min(wall_m);
         let z = range_m * down.tan() + 0.02 * (column % 7) as f32;

@@ -1,5 +1,5 @@
-//! The whole backbone on random scans, in every precision: the active cells alone give what the dense computation gives, with
-//! any number of threads, from frame to frame in the same memory; bf16 and int8 are close to f32.
+//! The whole backbone on random scans, in every precision: the active cells alone give the result of the dense computation, with
+//! any number of threads, and from frame to frame in the same memory; bf16 and int8 are close to f32.
 
 mod common;
 
@@ -133,7 +133,7 @@ fn a_buffer_of_another_length_and_a_model_that_does_not_fit_are_refused() -> Fal
 fn short_ones_are_close_to_f32() -> Fallible {
     let manifest = manifest();
     let mut exact = backbone(&manifest, Precision::F32)?;
-    // The most that the root mean square of the difference may be of the root mean square in f32.
+    // The largest allowed ratio of the difference's root mean square to the root mean square in f32.
     for (precision, error_max) in [(Precision::Bf16, 0.02), (Precision::Int8, 0.05)] {
         let mut short = backbone(&manifest, precision)?;
         assert_eq!(short.precision(), precision);
@@ -145,7 +145,7 @@ fn short_ones_are_close_to_f32() -> Fallible {
             let (cells_short, found) = short.last_rows()?;
             assert_eq!(cells, cells_short);
             let error = relative_error(&expected, &found);
-            // None at all would mean that f32 was computed.
+            // An error of zero would mean that f32 was computed.
             let fits = (1e-6..error_max).contains(&error);
             assert!(fits, "{precision}, scan {seed}: {error} of the rms");
         }
@@ -192,7 +192,7 @@ fn int8_without_a_calibration_names_the_command() {
 fn nothing_to_calibrate_on_is_said() {
     let manifest = manifest();
     let weights = formula_weights(&manifest.network);
-    // No frame; an empty scene, whose map is 0.
+    // First no frame; then an empty scene, whose map is 0.
     for scans in [vec![], vec![Ok(vec![])]] {
         let frames = scans.len();
         let fault = measure_ranges::<Vec<[f32; 4]>>(&manifest, &weights, scans);

@@ -1,4 +1,4 @@
-//! A processor without vector registers: the same answers, slower. In a file of its own, because it turns the registers off for the whole program.
+//! A processor without vector registers gives the same answers, but slower. This file has one test: it turns the registers off for the whole program.
 
 mod common;
 
@@ -22,7 +22,7 @@ fn without_vector_registers_the_answers_are_the_same() -> Result<(), Box<dyn std
     let best = Precision::ALL.map(run);
     portable.restrict();
     assert_eq!(Level::best(), portable);
-    // Products of bf16 round once or twice; a value beside a step of int8 may fall to its other side.
+    // Products of bf16 round once or twice; a value next to a step of int8 may round to the other side.
     let error_max = [1e-6, 2e-3, 2e-2];
     for ((precision, best), error_max) in Precision::ALL.into_iter().zip(best).zip(error_max) {
         let ((cells, rows), (cells_portable, rows_portable)) = (best?, run(precision)?);

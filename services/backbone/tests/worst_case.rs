@@ -1,4 +1,4 @@
-//! Scans and models at the limits, in every precision: right results, every point accounted for.
+//! Scans and models at the limits, in every precision: the results are right, and every point is counted.
 
 mod common;
 
@@ -8,7 +8,7 @@ use mluc_model::{Manifest, formula_uniform};
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
-/// Checks a scan in every precision; gives its voxels.
+/// Checks a scan in every precision; returns its number of voxels.
 fn check(manifest: &Manifest, points: &[[f32; 4]]) -> Fallible<usize> {
     let mut voxels = 0;
     for precision in Precision::ALL {
@@ -28,7 +28,7 @@ fn every_point_in_one_voxel_one_column_or_beyond_the_range() -> Fallible {
     let z = |point: usize| formula_uniform("column", point) as f32 * 3.99 - 2.995;
     let column = (0..30_000).map(|point| [7.05, -1.05, z(point), 0.1]);
     let corner = |corner: usize| {
-        // The low corner belongs to the range in both readings, every other corner in the first one alone.
+        // The low corner is in the range with both values of `inside`, every other corner only with the first value.
         [1e-3, 0.0].map(|inside| {
             let at = |axis: usize| [low[axis], high[axis] - inside][corner >> axis & 1];
             [at(0), at(1), at(2), 1.0]
@@ -58,12 +58,12 @@ fn a_million_points() -> Fallible {
     let points: Vec<_> = (0..1_000_000).map(point).collect();
     let mut manifest = manifest();
     manifest.network.grid.voxels_max = 60_000;
-    // voxels_max is reached.
+    // This scan reaches voxels_max.
     assert_eq!(check(&manifest, &points)?, 60_000);
     Ok(())
 }
 
-/// Channels that fill no register, on a map whose edges fill no word and no tile.
+/// The channels do not fill a register; the edges of the map fill neither a word nor a tile.
 #[test]
 fn layers_of_odd_sizes() -> Fallible {
     let mut manifest = manifest();

@@ -1,4 +1,4 @@
-//! One JSON line a frame: what the robot, the evaluator and `jq` read. `docs/output.md` describes it,
+//! One JSON line per frame, for the robot, the evaluator and `jq`. `docs/output.md` describes it,
 //! `docs/objects.schema.json` checks it.
 
 use std::collections::BTreeMap;
@@ -23,26 +23,26 @@ pub struct Line<'a> {
     pub stamp_ns: u64,
     /// Fingerprint of the model that made it, 16 hexadecimal digits.
     pub model: String,
-    /// What is published.
+    /// Published objects.
     pub objects: Vec<ObjectLine<'a>>,
-    /// What is not, and why.
+    /// Objects that are not published, and why.
     pub suppressed: Vec<SuppressedLine<'a>>,
     /// Latency by stage.
     #[serde(serialize_with = "by_name")]
     pub stages: [StageTimes; 4],
     /// From the scan's arrival to the objects' publication, us.
     pub latency_us: u64,
-    /// What is out of the ordinary.
+    /// Names of the flags that are set: what is unusual about the frame.
     pub flags: Vec<&'static str>,
-    /// [`StatusState`]'s word when the frame left.
+    /// Name of the [`StatusState`] when the frame left.
     pub state: &'static str,
-    /// Then, since the arrival of the newest result's scan.
+    /// Age of the newest result when the frame left: time since its scan arrived, ms. `None`: no result yet.
     pub age_ms: Option<u64>,
     /// Directions without returns where there should be some: from and to, degrees.
     pub blind_deg: Vec<[usize; 2]>,
-    /// Of the newest scan's points.
+    /// Share of the newest scan's points that are not finite.
     pub not_finite_share: f32,
-    /// The ground was there in this run and is not found any more.
+    /// True: the ground was found earlier in this run and is not found any more.
     pub ground_lost: bool,
 }
 
@@ -52,22 +52,22 @@ pub struct ObjectLine<'a> {
     kind: &'static str,
     pub(crate) label: &'a str,
     score: f32,
-    /// How likely it is one of its kind, where the model tells it.
+    /// Probability that it is of its kind; `None`: the model gives none.
     probability: Option<f32>,
     center_m: [f32; 3],
     size_m: [f32; 3],
     yaw_rad: f32,
     eds: f32,
     eds_normalised: f32,
-    /// Probability of being none of the known, where the model tells it.
+    /// Probability that it is of no known class; `None`: the model gives none.
     unknown_probability: Option<f32>,
     points: u32,
-    /// Number of its track, where unknown objects are followed over frames; whether that is worth an alarm, its age and its speed over the ground.
+    /// Number of its track, if unknown objects are tracked. Then: whether the track is confirmed, its age, and its speed over the ground.
     track: Option<u32>,
     confirmed: Option<bool>,
     age_scans: Option<u32>,
     speed_mps: Option<f32>,
-    /// The frame's budget ended before its turn: its box is the proposal's.
+    /// The frame's time budget ended before the object was refined: its box is the proposal's.
     unrefined: bool,
     /// A piece of a cluster larger than any road user.
     split: bool,
@@ -79,20 +79,20 @@ pub struct ObjectLine<'a> {
 pub struct SuppressedLine<'a> {
     #[serde(flatten)]
     object: ObjectLine<'a>,
-    /// [`Disposition`]'s word.
+    /// Name of its [`Disposition`].
     reason: &'static str,
-    /// Which of the line's `objects` took its place.
+    /// Index in the line's `objects` of the object that suppresses it.
     by: Option<usize>,
-    /// By how much that one covers it, 0 to 1.
+    /// How much the suppressing object covers it, 0 to 1.
     overlap: f32,
 }
 
 /// Latency of one stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct StageTimes {
-    /// From the moment its input was there (published by the stage before; for ingest: the scan was due) to the start of computing, us.
+    /// From its input's publication by the stage before (ingest: from when the scan was due) to the start of computing, us.
     pub queue_us: u64,
-    /// From there to the publication of its result, us.
+    /// From the start of computing to the publication of its result, us.
     pub run_us: u64,
 }
 
@@ -100,7 +100,7 @@ fn by_name<S: Serializer>(times: &[StageTimes; 4], to: S) -> Result<S::Ok, S::Er
     to.collect_map(Stage::ALL.map(Stage::name).into_iter().zip(times))
 }
 
-/// Times of a stage by the header's stamps. Stamps that do not ascend, which a foreign stage may leave, count as 0.
+/// Times of a stage from the header's stamps. A foreign stage may leave stamps that do not ascend; the time is then 0.
 pub fn stage_times(header: &FrameHeader, stage: Stage) -> StageTimes {
     let own = header.stages[stage as usize];
     let input_ns = match (stage as usize).checked_sub(1) {
@@ -119,12 +119,12 @@ pub fn latency_us(header: &FrameHeader) -> u64 {
     refiner.published_ns.saturating_sub(ingest.received_ns) / 1000
 }
 
-/// The line of a change of the state. It has no key of a frame but `wire`.
+/// The line for a change of state. `wire` is the only key that it shares with a frame's line.
 pub fn status_line(status: &Status) -> Value {
     json!({"wire": WIRE_VERSION, "status": status_words(status)})
 }
 
-/// A status in words; `?` for a state that is none.
+/// A status as JSON; `state` is `?` if the state is not valid.
 pub fn status_words(status: &Status) -> Value {
     let by_name = |counts: [u64; 4]| {
         let names = Stage::ALL.map(Stage::name).into_iter();
@@ -156,17 +156,17 @@ fn age_ms(status: &Status) -> Option<u64> {
     is_known.then_some(status.age_ns / 1_000_000)
 }
 
-/// The word of a stage's state.
+/// Name of a stage's state; `?` if the heartbeat is not valid.
 pub fn health_state(health: &Health) -> &'static str {
     health.checked().map_or("?", |(_, state)| state.name())
 }
 
-/// What is not zero.
+/// Names and values of the counts that are not zero.
 pub fn counted(counts: &CandidateCounts) -> impl Iterator<Item = (&'static str, u64)> {
     counts.named().filter(|(_, count)| *count > 0)
 }
 
-/// A stage's heartbeat in words; `None`: it is silent.
+/// A stage's heartbeat as JSON; `health` is `None` if the stage is silent.
 pub fn stage_words(stage: Stage, health: Option<&Health>) -> Value {
     let Some(health) = health else {
         return json!({"stage": stage.name(), "state": "silent"});
@@ -187,7 +187,7 @@ pub fn stage_words(stage: Stage, health: Option<&Health>) -> Value {
     })
 }
 
-/// Neighbouring sectors as one range, degrees.
+/// Ranges of the blind sectors, degrees. Neighbouring sectors become one range.
 fn blind_deg(sectors: u64) -> Vec<[usize; 2]> {
     let mut ranges: Vec<[usize; 2]> = Vec::new();
     let width = 360 / Status::SECTORS;
@@ -216,7 +216,7 @@ pub fn line<'a>(
         SuppressedLine {
             object: object_line(object, classes),
             reason: disposition.unwrap_or(&"?"),
-            // Where that one stands in the line.
+            // Index of the suppressing object in the line.
             by: (published.binary_search(&(object.suppressed_by as usize))).ok(),
             overlap: object.overlap,
         }

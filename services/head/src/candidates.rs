@@ -1,19 +1,19 @@
-//! Which anchors enter suppression: objectness at least the threshold, the best so many.
+//! Selects the anchors that enter suppression: the best anchors whose objectness is at least the threshold.
 //!
-//! The product with a class probability plays no part: it would drop the unknowns before the gate sees them.
+//! The product with a class probability is not used: it would drop the unknowns before the gate gets them.
 
-/// An anchor that may hold an object.
+/// An anchor that may contain an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Candidate {
-    /// sigma of the logit.
+    /// Sigmoid of the logit.
     pub(crate) objectness: f32,
     /// Feature row.
     pub(crate) row: u32,
-    /// Of that row's cell.
+    /// Anchor of that row's cell.
     pub(crate) anchor: u32,
-    /// Where the row stands among the rows that hold a candidate.
+    /// Position of the row among the rows with a candidate.
     pub(crate) place: u32,
-    /// Logit of the unknown, where the head has one; of a kept box, after the vote, the mean.
+    /// Logit of the unknown, if the head has one; for a kept box, after the vote, the mean.
     pub(crate) unknown: Option<f32>,
 }
 
@@ -21,8 +21,8 @@ pub(crate) fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
 
-/// Fills `candidates` with the best, best first; ties go to the lower row and anchor. Gives how many passed the
-/// threshold in all, and how many logits are no number: those are below every threshold.
+/// Fills `candidates` with the best anchors, best first; ties go to the lower row and anchor. Returns how many anchors
+/// passed the threshold, and how many logits are NaN; NaN is below every threshold.
 pub(crate) fn select(
     logits: &[f32],
     anchors: usize,
@@ -30,7 +30,7 @@ pub(crate) fn select(
     candidates_max: usize,
     candidates: &mut Vec<Candidate>,
 ) -> (usize, usize) {
-    // The logarithm is exact enough to rule out nearly all; the exact comparison follows.
+    // The comparison of logits is exact enough to reject nearly all anchors; the exact comparison follows.
     let logit_min = (objectness_min / (1.0 - objectness_min)).ln() - 0.01;
     candidates.clear();
     let numbered = logits.iter().enumerate();
@@ -60,10 +60,10 @@ pub(crate) fn select(
     (found, damaged)
 }
 
-/// The largest of each `classes` logits: what an anchor of a sigmoid head says at most.
+/// The largest of each `classes` logits, one for each anchor of a sigmoid head.
 pub(crate) fn reduce_classes(logits: &[f32], classes: usize, largest: &mut Vec<f32>) {
     largest.clear();
-    // A logit that is no number loses against any other.
+    // A NaN loses against any other logit.
     let most = |anchor: &[f32]| anchor.iter().copied().fold(f32::NAN, f32::max);
     largest.extend(logits.chunks_exact(classes).map(most));
 }

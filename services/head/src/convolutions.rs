@@ -22,10 +22,10 @@ impl RowHead {
     }
 }
 
-/// What makes an anchor a candidate, embedding (C values), box (7 codes an anchor), direction (2 logits an anchor), and the logit of the unknown.
+/// The heads: presence, embedding (C values), box (7 codes per anchor), direction (2 logits per anchor), and the logit of the unknown.
 #[derive(Clone, Debug)]
 pub(crate) struct RowHeads {
-    /// Objectness (a logit an anchor) or, of a sigmoid head, a logit an anchor and class.
+    /// Decides whether an anchor is a candidate: objectness (one logit per anchor) or, for a sigmoid head, one logit per anchor and class.
     pub(crate) presence: RowHead,
     pub(crate) embedding: Option<RowHead>,
     pub(crate) box_code: RowHead,
@@ -58,7 +58,7 @@ impl RowHeads {
         })
     }
 
-    /// In the order of [`Network::heads`].
+    /// The heads in the order of [`Network::heads`].
     pub(crate) fn in_order(&self) -> impl Iterator<Item = &RowHead> {
         let first = [&self.presence].into_iter().chain(&self.embedding);
         let boxes = first.chain([&self.box_code, &self.direction]);
@@ -66,7 +66,7 @@ impl RowHeads {
     }
 }
 
-/// A gather that reads rows 0 to `rows`.
+/// Sets `which` to a gather that reads the first `rows` rows.
 pub(crate) fn read_all(which: &mut Gather, rows: usize) {
     which.taps = 1;
     which.index.truncate(rows);

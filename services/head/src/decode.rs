@@ -1,37 +1,37 @@
 //! Anchors and the residual box code (paper section 3.1; the coder of SECOND).
 //!
 //! With d = sqrt(la^2 + wa^2), a box (x, y, z, l, w, h, yaw) against its anchor (a): t = ((x - xa) / d, (y - ya) / d, (z - za) / ha, ln(l / la), ln(w / wa),
-//! ln(h / ha), yaw - yaw_a). The code does not tell front from rear; a direction bin does.
+//! ln(h / ha), yaw - yaw_a). The code does not distinguish front from rear; a direction bin does.
 
 use mluc_geometry::{Box3, limit_period};
 use mluc_model::Manifest;
 use std::f64::consts::PI;
 
-/// Values of a box code.
+/// Number of values of a box code.
 pub const BOX_CODES: usize = 7;
 /// Yaws of the two anchors of a class, rad.
 pub const ANCHOR_YAWS_RAD: [f64; 2] = [0.0, 1.57];
-/// Direction bins part at this yaw (and half a turn further), so that the common yaws 0 and pi / 2 lie within a bin.
+/// Boundary of the direction bins, rad (the other is half a turn further), so that the common yaws 0 and pi / 2 lie within a bin.
 pub const DIRECTION_OFFSET_RAD: f64 = std::f64::consts::FRAC_PI_4;
-/// A size may be e^3, 20 times, its anchor's or as little: what lies beyond is no box but an overflow in waiting.
+/// Maximum logarithm of a size ratio: a size is at most e^3 (20) times its anchor's size, and at least 1/20. Beyond, sizes could overflow.
 const LOG_SIZE_MAX: f64 = 3.0;
-/// Codes beyond this are no box either: places stay within f32.
+/// Codes beyond this give no box, so that coordinates stay within f32.
 const CODE_MAX: f32 = 1e4;
 
-/// The anchors of a model: at every cell two yaws for each class, then for each size without a class, in (class, yaw) order.
+/// The anchors of a model: at every cell two yaws for each class, then for each class-agnostic size, in (class, yaw) order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Anchors {
     columns: usize,
-    /// Of the range.
+    /// Lower corner of the range in x and y, m.
     pub origin_m: [f64; 2],
-    /// Anchors lie on both ends of the range: a step is a little more than a cell.
+    /// Step between anchors in x and y, m. Anchors lie on both ends of the range, so a step is a little more than a cell.
     pub step_m: [f64; 2],
     /// l, w, h and z of the centre by class, m.
     classes: Vec<([f64; 3], f64)>,
 }
 
 impl Anchors {
-    /// Of a checked manifest.
+    /// The anchors of a checked manifest.
     pub fn new(manifest: &Manifest) -> Anchors {
         let grid = &manifest.network.grid;
         let [rows, columns] = manifest.network.map_shape();
@@ -51,12 +51,12 @@ impl Anchors {
         }
     }
 
-    /// Anchors of a cell.
+    /// Number of anchors per cell.
     pub fn per_cell(&self) -> usize {
         self.classes.len() * ANCHOR_YAWS_RAD.len()
     }
 
-    /// The class of an anchor of a cell; beyond the classes lie the sizes without one.
+    /// The class of an anchor of a cell; numbers beyond the classes are class-agnostic sizes.
     pub fn class(anchor: usize) -> usize {
         anchor / ANCHOR_YAWS_RAD.len()
     }
@@ -71,7 +71,7 @@ impl Anchors {
     }
 }
 
-/// A box as its code against an anchor.
+/// The code of a box relative to an anchor.
 pub fn encode(found: &Box3, anchor: &Box3) -> [f64; BOX_CODES] {
     let [la, wa, ha] = anchor.size_m;
     let [x, y, z] = [0, 1, 2].map(|i| found.center_m[i] - anchor.center_m[i]);
@@ -81,7 +81,7 @@ pub fn encode(found: &Box3, anchor: &Box3) -> [f64; BOX_CODES] {
     [x / diagonal, y / diagonal, z / ha, l, w, h, yaw]
 }
 
-/// The box of a code; its yaw still has two readings half a turn apart. None where a code is no number or enormous.
+/// The box of a code; its yaw is still ambiguous by half a turn. `None` if a code value is NaN or too large.
 pub fn decode(code: &[f32], anchor: &Box3) -> Option<Box3> {
     let code: [f32; BOX_CODES] = code.try_into().ok()?;
     // False for NaN.
@@ -100,12 +100,12 @@ pub fn decode(code: &[f32], anchor: &Box3) -> Option<Box3> {
     })
 }
 
-/// The bin of a yaw.
+/// The direction bin of a yaw.
 pub fn direction_bin(yaw_rad: f64) -> usize {
     ((limit_period(yaw_rad - DIRECTION_OFFSET_RAD, 0.0, 2.0 * PI) / PI) as usize).min(1)
 }
 
-/// The reading of `yaw_rad` that lies in `bin`, in [-pi, pi).
+/// `yaw_rad`, or the yaw half a turn further, whichever lies in `bin`; in [-pi, pi).
 pub fn direct(yaw_rad: f64, bin: usize) -> f64 {
     let half = limit_period(yaw_rad - DIRECTION_OFFSET_RAD, 0.0, PI) + DIRECTION_OFFSET_RAD;
     limit_period(half + PI * bin as f64, 0.5, 2.0 * PI)

@@ -13,8 +13,8 @@ pub fn threshold_of(gate: GateKind, thresholds: &Thresholds) -> f32 {
     }
 }
 
-/// The gate that a model's candidates are told by, where several could: that of the probability of the unknown, of the
-/// EDS, of the largest class probability. `is_open`: the head has a logit of the unknown.
+/// A model's main gate: the first that has a threshold of probability of the unknown, EDS and largest class probability.
+/// `is_open`: the head has a logit of the unknown.
 pub fn main_gate(is_open: bool, thresholds: &Thresholds) -> GateKind {
     let first = is_open.then_some(GateKind::UnknownProbability).into_iter();
     let mut gates = first.chain([GateKind::Eds, GateKind::SoftmaxMax]);
@@ -22,10 +22,10 @@ pub fn main_gate(is_open: bool, thresholds: &Thresholds) -> GateKind {
     main.unwrap_or(GateKind::None)
 }
 
-/// By every threshold of a model: e is too small (the embedding lies near the prototypes' centre; it is never below 1: a threshold of 1 or less
-/// is the closed-set detector), or the largest class probability (the naive gate of a softmax). Where
-/// the head has a logit of the unknown, its probability `unknown` alone may fire too, and the other two must have it
-/// above one half: a known object is never lost to a doubt. Gives the gate that fired, or of a known box the model's.
+/// Applies every threshold of a model. The gate fires if e is too small (the embedding lies near the prototypes' centre; e is never below 1, so a
+/// threshold of 1 or less gives the closed-set detector), or if the largest class probability is too small (the naive gate of a softmax). If the head
+/// has a logit of the unknown, its probability `unknown` alone may also fire, and the other two only fire if it is above one half: a known object is
+/// never lost to a doubt. Returns the gate that fired, or for a known box the model's main gate.
 pub fn gate_by(
     scores: &Detection,
     unknown: Option<f32>,
@@ -50,7 +50,7 @@ pub fn gate_by(
     }
 }
 
-/// Whether the probability of being none of the known reaches its threshold; a threshold of 0 is the closed-set detector.
+/// Whether the probability of being none of the known classes reaches its threshold; a threshold of 0 gives the closed-set detector.
 pub fn is_unknown(unknown: f32, unknown_min: f32) -> bool {
     unknown_min > 0.0 && unknown >= unknown_min
 }

@@ -12,7 +12,7 @@ use crate::gate::{gate_by, is_unknown, threshold_of};
 use crate::vote::{VOTE_IOU_MIN, Votes};
 use crate::{HeadCounts, HeadError, memory::Memory, prototypes::Prototypes};
 
-/// Embeddings and logits from here on make no scores: their squares stay within f32.
+/// Embeddings and logits of this size or more get no scores, so that squares stay within f32.
 const VALUE_MAX: f32 = 1e9;
 
 /// The heads, the prototypes and the gate, with all memory of a frame.
@@ -56,7 +56,7 @@ impl Head {
         })
     }
 
-    /// The threshold on the probability of the unknown, or without such a logit on the EDS, from the next frame on.
+    /// Sets, from the next frame on, the threshold on the probability of the unknown, or without such a logit on the EDS.
     pub fn set_gate(&mut self, threshold: f32) {
         match self.kind {
             HeadKind::Open => self.thresholds.unknown_min = threshold,
@@ -64,9 +64,9 @@ impl Head {
         }
     }
 
-    /// Detects. `cells`: cell of the map (row * columns + column) of each row; `rows`: the channels, row after row.
-    /// `detections` becomes the kept boxes, each the mean of its own and its voters', the best objectness first; of an open head those of classes, then those of
-    /// anchors without a class, which are candidate unknowns from the threshold `unknown_min` on (but from one half at least) and left out below.
+    /// Detects. `cells`: cell of the map (row * columns + column) of each row; `rows`: the channels, row after row. `detections` gets the kept boxes,
+    /// each the mean of itself and its voters, best objectness first. For an open head, boxes of classes come first, then boxes of class-agnostic
+    /// anchors: candidate unknowns if the probability of the unknown is at least `unknown_min` and one half, left out otherwise.
     pub fn run(
         &mut self,
         cells: &[u32],
@@ -85,7 +85,7 @@ impl Head {
         let boxes_max_reached = self.frame.kept.len() as u32 == self.thresholds.boxes_max;
         let kept = &self.frame.kept;
         let described = kept.iter().map(|index| self.describe(*index, cells));
-        // Boxes without a class have no class to be known by. They have had their say in the suppression, so that the threshold chooses among the same boxes.
+        // Class-agnostic boxes can only be unknown. The threshold applies after the suppression, so that it always selects among the same boxes.
         let unknown_min = self.thresholds.unknown_min;
         let counts =
             |d: &Detection| d.has_class() || is_unknown(d.unknown_probability, unknown_min);
@@ -98,7 +98,7 @@ impl Head {
         })
     }
 
-    /// What the 1x1 convolutions give on every row, in the order of [`mluc_model::Network::heads`]: for tests against other implementations.
+    /// The outputs of the 1x1 convolutions for every row, in the order of [`mluc_model::Network::heads`]; for tests against other implementations.
     pub fn outputs(&self, rows: &[f32]) -> Vec<Vec<f32>> {
         let mut every_row = Gather::default();
         read_all(&mut every_row, rows.len() / self.channels);
@@ -110,10 +110,10 @@ impl Head {
         self.heads.in_order().map(output).collect()
     }
 
-    /// The largest objectness over `rows`, or one that is no number; of the empty scene's rows it is the manifest's `empty_objectness_max`.
+    /// The largest objectness over `rows`, or NaN if any is NaN; for the empty scene's rows it is the manifest's `empty_objectness_max`.
     pub fn objectness_max(&self, rows: &[f32]) -> f32 {
         let logits = self.outputs(rows).swap_remove(0).into_iter();
-        // Without the sign that a NaN may have, which sorts first.
+        // Removes the sign that a NaN may have: a negative NaN would sort first.
         let all = logits.map(|logit| sigmoid(logit).abs());
         all.max_by(f32::total_cmp).unwrap_or(0.0)
     }
@@ -136,7 +136,7 @@ impl Head {
         }
     }
 
-    /// Objectness of every anchor, and the best of them; gives how many passed the threshold, and how many have none.
+    /// Computes the objectness of every anchor and selects the best; returns how many passed the threshold, and how many are NaN.
     fn find_candidates(&mut self, rows: &[f32]) -> (u32, u32) {
         let (frame, thresholds) = (&mut self.frame, &self.thresholds);
         read_all(&mut frame.every_row, rows.len() / self.channels);
@@ -157,7 +157,7 @@ impl Head {
         (found as u32, damaged as u32)
     }
 
-    /// Embedding, box and direction of the rows that hold a candidate.
+    /// Computes embedding, box, direction and logit of the unknown for the rows with a candidate.
     fn run_candidate_heads(&mut self, rows: &[f32]) {
         let frame = &mut self.frame;
         frame.occupied.taps = 1;
@@ -183,14 +183,14 @@ impl Head {
         }
     }
 
-    /// Takes out candidates of anchors without a class in cells that hold a known object, which has anchors of its class.
+    /// Removes candidates of class-agnostic anchors in cells with a known object, which has anchors of its class.
     fn drop_generic_on_known(&mut self) {
         let is_known = |c: &Candidate| c.unknown.is_some_and(|logit| logit <= 0.0);
         let candidates = &mut self.frame.candidates;
         candidates.retain(|c| c.class() < self.classes || !is_known(c));
     }
 
-    /// The values that the scores of a candidate are made of: its cell's embedding, or its anchor's class logits.
+    /// The values from which a candidate's scores are computed: its cell's embedding, or its anchor's class logits.
     fn embedding(&self, candidate: &Candidate) -> &[f32] {
         let (frame, anchors) = (&self.frame, self.anchors.per_cell());
         let anchor = candidate.row as usize * anchors + candidate.anchor as usize;
@@ -201,7 +201,7 @@ impl Head {
         &values[place * self.classes..][..self.classes]
     }
 
-    /// Boxes of the candidates. Those of numbers that make no sense leave; gives how many.
+    /// Decodes the boxes of the candidates. Removes candidates with values that are NaN or too large, and returns how many.
     fn decode_boxes(&mut self, cells: &[u32]) -> u32 {
         let mut candidates = std::mem::take(&mut self.frame.candidates);
         let mut boxes = std::mem::take(&mut self.frame.boxes);
@@ -231,8 +231,8 @@ impl Head {
         are_sound.then_some(found)
     }
 
-    /// Non-maximum suppression over all boxes with a class, whatever it is, then over those without one: they suppress each other alone and come last.
-    /// What a kept box keeps out may vote for it, where they overlap by [`VOTE_IOU_MIN`]; [`Votes::add`] says which do.
+    /// Non-maximum suppression over all boxes of any class, then over the class-agnostic boxes, which only suppress each other and come last.
+    /// A suppressed box that overlaps its kept box by [`VOTE_IOU_MIN`] or more may vote for it; [`Votes::add`] decides whether it does.
     fn suppress(&mut self) {
         let (frame, thresholds) = (&mut self.frame, &self.thresholds);
         let (candidates, boxes) = (&frame.candidates, &frame.boxes);
@@ -257,7 +257,7 @@ impl Head {
         kept.extend_from_slice(generic);
     }
 
-    /// Every kept box, and its logit of the unknown, become the mean of their voters'.
+    /// Replaces every kept box and its logit of the unknown by the mean over its voters.
     fn vote(&mut self) {
         let frame = &mut self.frame;
         let (candidates, boxes) = (&mut frame.candidates, &mut frame.boxes);
@@ -282,13 +282,13 @@ impl Head {
         let (class, share) = match self.kind {
             HeadKind::Sigmoid => (largest(f), 1.0),
             _ if has_class => (own, scores.probabilities[own]),
-            // A generic box is as sure as its being of no class.
+            // The share of a class-agnostic box is its probability of being none of the known classes.
             _ => (largest(f), unknown.unwrap_or(0.0)),
         };
         let (kind, gate) = if has_class {
             gate_by(&scores, unknown, &self.thresholds)
         } else {
-            // It is kept as a candidate by its probability alone.
+            // Its probability of the unknown alone makes it a candidate.
             scores.probabilities.fill(0.0);
             (DetectionKind::Candidate, GateKind::UnknownProbability)
         };
@@ -308,7 +308,7 @@ impl Head {
         }
     }
 
-    /// Every score of an embedding or of class logits; a sigmoid head's probabilities are those of each class alone.
+    /// Every score of an embedding or of class logits; a sigmoid head has an independent probability for each class.
     fn scores(&self, f: &[f32]) -> Detection {
         let mut scores = self.prototypes.scores(f);
         if self.kind == HeadKind::Sigmoid {
@@ -321,14 +321,14 @@ impl Head {
 }
 
 impl Candidate {
-    /// Its anchor's class; beyond the classes lie the sizes without one.
+    /// Its anchor's class; numbers beyond the classes are class-agnostic sizes.
     pub(crate) fn class(&self) -> usize {
         Anchors::class(self.anchor as usize)
     }
 }
 
-/// Boxes that stand on the ground of a scan (see [`mluc_geometry::ground`]), in the sensor frame; no change where `ground_m` is
-/// empty: the boxes of a network whose input is not local are there already.
+/// Converts boxes with z above the ground of a scan (see [`mluc_geometry::ground`]) to the sensor frame. No change if `ground_m`
+/// is empty: the boxes of a network whose input is not local are already in the sensor frame.
 pub fn stand_on_ground(detections: &mut [Detection], ground_m: &[f32]) {
     if ground_m.is_empty() {
         return;

@@ -1,7 +1,7 @@
 //! Feature rows to detections: objectness, boxes, distances to the prototypes, the gate (paper section 3.2).
 //!
-//! [`Head`] is the stage; [`decode`], [`prototypes`] and [`gate`] hold its equations. One embedding a cell serves all of its anchors: an anchor is only ever
-//! positive for its own class, so an embedding of its own would learn that class and nothing else. Nothing here knows a process, a file or a clock.
+//! [`Head`] is the stage; [`decode`], [`prototypes`] and [`gate`] contain its equations. All anchors of a cell share one embedding: an anchor is only
+//! positive for its own class, so an embedding per anchor would only learn that class. Nothing here uses a process, a file or a clock.
 
 mod candidates;
 mod convolutions;
@@ -15,18 +15,18 @@ mod vote;
 pub use head::{Head, stand_on_ground};
 pub use mluc_ipc_types::{Detection, DetectionKind};
 
-// Whatever a checked model gives fits the contract.
+// The limits of a checked model fit the limits of the contract.
 const _: () = assert!(mluc_model::CLASSES_MAX <= mluc_ipc_types::CLASSES_MAX);
 const _: () = assert!(mluc_model::BOXES_MAX as usize <= mluc_ipc_types::DETECTIONS_MAX);
 
-/// Why the head cannot run.
+/// The reason why the head cannot run.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs)] // The message above each variant says what its fields are.
 pub enum HeadError {
-    /// The model does not fit.
+    /// The model is refused.
     #[error(transparent)]
     Model(#[from] mluc_model::ModelError),
-    /// Cells without a feature row would hold candidates that nobody sees.
+    /// Cells without a feature row would contain candidates that the head does not evaluate.
     #[error(
         "model: an empty scene reaches objectness {empty_objectness_max}, which must be below objectness_min \
          {objectness_min}: raise the threshold or train further"
@@ -35,7 +35,7 @@ pub enum HeadError {
         empty_objectness_max: f32,
         objectness_min: f32,
     },
-    /// Cells and rows of other lengths.
+    /// The lengths of cells and rows do not match.
     #[error("features: {expected} values for {cells} cells needed, {found} given")]
     Length {
         cells: usize,
@@ -47,15 +47,15 @@ pub enum HeadError {
     Cell { expected: usize, found: u32 },
 }
 
-/// What a frame came to.
+/// The counts of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HeadCounts {
     /// Anchors at or above `objectness_min`.
     pub candidates: u32,
-    /// Of them left out beyond `candidates_max`.
+    /// Candidates left out because they exceed `candidates_max`.
     pub over_candidates_max: u32,
-    /// Anchors left out because their objectness, box, embedding or logit of the unknown is no number or enormous.
+    /// Anchors left out because their objectness, box, embedding or logit of the unknown is NaN or too large.
     pub non_finite: u32,
-    /// `boxes_max` was reached: weaker boxes may have been left out.
+    /// Whether `boxes_max` was reached: weaker boxes may have been left out.
     pub boxes_max_reached: bool,
 }

@@ -1,4 +1,4 @@
-//! What a frame needs, held from frame to frame.
+//! The memory of a frame, reused from frame to frame.
 
 use mluc_geometry::Box3;
 use mluc_kernels::Gather;
@@ -11,37 +11,37 @@ use crate::vote::Votes;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory {
     pub(crate) every_row: Gather,
-    /// A logit for each anchor and class; empty unless the head is a sigmoid one.
+    /// A logit for each anchor and class; empty unless the head is a sigmoid head.
     pub(crate) class_logits: Vec<f32>,
-    /// A logit an anchor.
+    /// A logit for each anchor.
     pub(crate) logits: Vec<f32>,
     pub(crate) candidates: Vec<Candidate>,
-    /// Rows that hold a candidate, ascending: the other heads run on these alone.
+    /// Rows with a candidate, ascending: the other heads run on these rows only.
     pub(crate) occupied: Gather,
     pub(crate) embeddings: Vec<f32>,
-    /// A logit of the unknown by occupied row, where the head has one.
+    /// A logit of the unknown for each occupied row, if the head has one.
     pub(crate) unknown: Vec<f32>,
     pub(crate) codes: Vec<f32>,
     pub(crate) directions: Vec<f32>,
     pub(crate) boxes: Vec<Box3>,
     pub(crate) order: Vec<usize>,
-    /// Indices of the kept boxes, best first; those without a class last.
+    /// Indices of the kept boxes, best first; class-agnostic boxes last.
     pub(crate) kept: Vec<usize>,
     pub(crate) generic: Vec<usize>,
-    /// Place among the kept boxes, and index of a box it keeps out that may vote for it.
+    /// Position of a kept box in `kept`, and index of a box that it suppresses and that may vote for it.
     pub(crate) voters: Vec<(usize, usize)>,
-    /// For each kept box.
+    /// The votes for each kept box.
     pub(crate) votes: Vec<Votes>,
 }
 
 impl Memory {
-    /// For any frame of a checked manifest: a row for each cell of the map, every anchor a candidate until the best are picked.
+    /// Memory for any frame of a checked manifest: a row for each cell of the map; every anchor can be a candidate before the best are selected.
     pub(crate) fn new(manifest: &Manifest) -> Memory {
         let network = &manifest.network;
         let cells: usize = network.map_shape().iter().product();
         let anchors = Anchors::new(manifest).per_cell();
         let candidates = manifest.thresholds.candidates_max as usize;
-        // Each candidate lies in a row of its own at worst.
+        // In the worst case each candidate lies in its own row.
         let closer = candidates.min(cells);
         let gather = |rows| Gather::new(1, Vec::with_capacity(rows));
         let values = |rows: usize, channels: usize| Vec::with_capacity(rows * channels);

@@ -7,8 +7,8 @@
 //! - EDS = sum over t of d_t (eq. 5) = C |f - c|^2 + (C - 1) T^2 with the centre c = (T / C) (1, .., 1)
 //! - e = EDS / ((C - 1) T^2): 1 at the centre, 2 at a prototype, C / (C - 1) at the origin, for any C and T
 //! - e_perp = 1 + C |f - mean f|^2 / ((C - 1) T^2): e without the direction (1, .., 1), on which p does not depend
-//! - delta = min d / T^2: 0 at a prototype, (C - 1) / C at the centre; grows on both sides, also where f overshoots
-//! - the usual ones: the largest probability, the largest logit 2 T f, energy = log sum exp(2 T f)
+//! - delta = min d / T^2: 0 at a prototype, (C - 1) / C at the centre; grows on both sides of a prototype, also where f overshoots it
+//! - the usual scores: the largest probability, the largest logit 2 T f, energy = log sum exp(2 T f)
 
 use mluc_ipc_types::{CLASSES_MAX, Detection};
 
@@ -20,14 +20,14 @@ pub struct Prototypes {
 }
 
 impl Prototypes {
-    /// `classes` = C, 2 to [`CLASSES_MAX`]; `scale` = T, above 0. A checked manifest keeps to both.
+    /// `classes` = C, 2 to [`CLASSES_MAX`]; `scale` = T, above 0. A checked manifest satisfies both.
     pub fn new(classes: usize, scale: f32) -> Prototypes {
         let fits = (2..=CLASSES_MAX).contains(&classes) && scale > 0.0;
         assert!(fits, "C = {classes}, T = {scale}");
         Prototypes { classes, scale }
     }
 
-    /// d_t for each class; `f` holds C values.
+    /// d_t for each class; `f` has C values.
     pub fn distances(&self, f: &[f32]) -> [f32; CLASSES_MAX] {
         let mut distances = [0.0; CLASSES_MAX];
         for (t, distance) in distances.iter_mut().enumerate().take(self.classes) {
@@ -38,7 +38,7 @@ impl Prototypes {
         distances
     }
 
-    /// Every score of an embedding and the embedding itself (`f`, C values), in the fields that a detection has for them.
+    /// Every score of an embedding and the embedding itself (`f`, C values), in the corresponding fields of a detection.
     pub fn scores(&self, f: &[f32]) -> Detection {
         let (c, t) = (self.classes as f32, self.scale);
         let all = self.distances(f);
@@ -85,7 +85,7 @@ mod tests {
         assert!((a - b).abs() <= tolerance, "{a} is not {b}");
     }
 
-    /// C and T: the paper's T = C, and the 1 and 3 of the authors' earlier code.
+    /// C and T: T = C as in the paper, and T = 1 and 3 as in the authors' earlier code.
     const SETTINGS: [(usize, f32); 5] = [(3, 1.0), (3, 3.0), (4, 1.0), (4, 3.0), (4, 4.0)];
 
     #[test]

@@ -1,16 +1,16 @@
-//! Box voting: a kept box becomes the mean of the boxes that it suppresses and its own (Gidaris and Komodakis, "Object
+//! Box voting: a kept box becomes the mean of itself and the boxes that it suppresses (Gidaris and Komodakis, "Object
 //! detection via a multi-region & semantic segmentation-aware CNN model", section 4.3). Neighbouring anchors see the same
-//! object, each with an error of its own; their logits of the unknown err too.
+//! object, each with its own error; their logits of the unknown have errors too.
 
 use crate::candidates::Candidate;
 use mluc_geometry::{Box3, limit_period};
 use std::f64::consts::{FRAC_PI_4, PI};
 
-/// A suppressed box may vote from this overlap on, seen from above.
+/// Minimum overlap, seen from above, at which a suppressed box may vote.
 pub(crate) const VOTE_IOU_MIN: f64 = 0.5;
 
-/// Sums, weighted by objectness, of what differs from a kept box: the centre, the logarithms of the sizes, the yaw; and of
-/// the logits of the unknown.
+/// Sums, weighted by objectness, of the differences from a kept box (centre, logarithms of the sizes, yaw), and of the
+/// logits of the unknown.
 #[derive(Clone, Debug)]
 pub(crate) struct Votes {
     kept: Box3,
@@ -21,7 +21,7 @@ pub(crate) struct Votes {
 }
 
 impl Votes {
-    /// Of the kept box itself.
+    /// The vote of the kept box itself.
     pub(crate) fn of(candidate: &Candidate, kept: &Box3) -> Votes {
         let weight = f64::from(candidate.objectness);
         Votes {
@@ -33,7 +33,7 @@ impl Votes {
         }
     }
 
-    /// One that looks the other way is the same box. One of another class has no vote, nor one that lies across: its length is a width.
+    /// Adds a voter. A voter turned by half a turn is the same box. A voter of another class or across has no vote: its length is a width.
     pub(crate) fn add(&mut self, candidate: &Candidate, voter: &Box3) {
         let kept = &self.kept;
         let turn = limit_period(voter.yaw_rad - kept.yaw_rad, 0.5, PI);
@@ -52,7 +52,7 @@ impl Votes {
         self.weight += weight;
     }
 
-    /// The box and its logit.
+    /// The mean box and its mean logit.
     pub(crate) fn mean(&self) -> (Box3, Option<f32>) {
         let kept = &self.kept;
         let [x, y, z, l, w, h, turn] = self.sums.map(|sum| sum / self.weight);

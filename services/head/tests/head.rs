@@ -17,7 +17,7 @@ fn manifest(head: HeadKind, generic: usize) -> Manifest {
     Manifest::untrained("small", network)
 }
 
-/// Heads that copy the first channels of a row, in the order of the heads: of a metric head 6 objectness, 3 embedding, 42 box, 12 direction.
+/// Heads that copy the first channels of a row, in the order of the heads. A metric head has 6 objectness, 3 embedding, 42 box, 12 direction.
 fn copying(manifest: &Manifest) -> WeightSet {
     let network = &manifest.network;
     let channels = network.feature_channels();
@@ -42,7 +42,7 @@ fn quiet_row(manifest: &Manifest, anchors: usize) -> Vec<f32> {
     row
 }
 
-/// Makes an anchor of a row with an embedding of 3 claim `found`.
+/// Sets an anchor of a row with an embedding of 3 so that it gives the box `found`.
 fn claim(row: &mut [f32], at: &Anchors, [cell, anchor]: [usize; 2], found: &Box3, logit: f32) {
     row[anchor] = logit;
     let codes = at.per_cell() + 3;
@@ -115,8 +115,8 @@ fn damaged_rows_are_counted_and_limits_are_said() -> Fallible {
         let apart = Box3::new([10.0 * cell as f64, 0.0, -1.0, 2.0, 1.0, 1.0, 0.0]);
         claim(row, &anchors, [cell, 0], &apart, cell as f32);
     }
-    // Finite, and no box or score is: the first box code and the first embedding value. And a value of which no objectness of its
-    // six anchors is a number.
+    // Two values are finite, but their box or score is not: the first box code and the first embedding value. The third value makes
+    // the objectness of all six anchors of its cell NaN.
     (rows[6][9], rows[5][6], rows[2][0]) = (3e38, 2e19, f32::NAN);
     let (found, counts) = detect(&mut head, &[0, 1, 2, 3, 4, 5, 6], &rows.concat())?;
     let expected = HeadCounts {
@@ -169,7 +169,7 @@ fn random_rows_give_the_same_bits_with_one_and_two_threads_and_little_overlap() 
     assert_eq!(bits, bytemuck::cast_slice::<_, u32>(&run(2)?));
     for (number, a) in found.iter().enumerate() {
         for b in &found[..number] {
-            // 0.2 before the vote.
+            // The limit is 0.2 before the vote.
             assert!(iou_bev(&box_of(a), &box_of(b)) < 0.5);
             assert!(b.objectness >= a.objectness);
         }
@@ -187,7 +187,7 @@ fn a_sigmoid_head_takes_the_best_class_of_an_anchor() -> Fallible {
     let found = Box3::new([3.0, 0.2, -1.0, 4.2, 1.7, 1.5, 0.3]);
     let code = encode(&found, &anchors.anchor(136, 0));
     row[18..25].copy_from_slice(&code.map(|value| value as f32));
-    // The anchor is a car's; its pedestrian logit is higher.
+    // The anchor belongs to a car; its pedestrian logit is higher.
     row[..3].copy_from_slice(&[1.0, 2.0, -1.0]);
     let (detections, _) = detect(&mut head, &[136], &row)?;
     assert_eq!(detections.len(), 1);
@@ -211,7 +211,7 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     // 10 objectness, 3 embedding, 70 codes, 20 bins, 1 unknown.
     let mut row = quiet_row(&manifest, 10);
     row[10..13].copy_from_slice(&[0.5, 2.0, -0.3]);
-    // The car's first anchor and three of sizes without a class claim the same place; the third is the surest, the last of its size.
+    // The car's first anchor and three anchors without a class claim the same place; the third is the surest, the last one of its size.
     for (anchor, logit, ahead_m) in [(0, 1.0, 0.0), (7, 1.5, 0.1), (8, 2.0, 0.0), (9, 2.0, 0.3)] {
         let [x, y, _] = anchors.anchor(cell, anchor).center_m;
         let found = Box3::new([x + ahead_m, y, -1.0, 3.0, 1.4, 1.9, 0.2]);
@@ -233,7 +233,7 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
         assert_eq!(d.embedding[..3], [0.5, 2.0, -0.3], "that of the cell");
     }
     assert_eq!(with_unknown(1e9)?.1.non_finite, 4);
-    // Too little doubt for the threshold, then a known object: the box without a class goes, the other is known.
+    // First the doubt is below the threshold, then the object is known: the box without a class is dropped, the other one is known.
     for logit in [0.3, -1.5] {
         let (detections, _) = with_unknown(logit)?;
         assert_eq!(detections.len(), 1);

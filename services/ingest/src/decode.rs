@@ -1,27 +1,27 @@
-//! KITTI's `.bin`: x, y, z (m, sensor frame) and reflectance (0 to 1) as little-endian f32, point after point, no header.
+//! Decoder of KITTI's `.bin`: x, y, z (m, sensor frame) and reflectance (0 to 1) as little-endian f32, point after point, no header.
 
 use mluc_ipc_types::{Flags, POINTS_MAX, Point};
 
-/// Bytes of a point in the file.
+/// Bytes per point in the file.
 pub const POINT_BYTES: usize = 16;
 
-/// What became of a file's bytes.
+/// Counts of a file's points: read, kept and dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DecodeReport {
     /// Whole points in the file.
     pub points_in: u32,
     /// Points kept.
     pub points_out: u32,
-    /// Left out: a coordinate or the intensity is NaN or infinite.
+    /// Points dropped because a coordinate or the intensity is NaN or infinite.
     pub dropped_not_finite: u32,
-    /// Left out: beyond [`POINTS_MAX`] finite points.
+    /// Finite points dropped because they are beyond [`POINTS_MAX`] or the caller's memory.
     pub dropped_over_limit: u32,
-    /// Bytes after the last whole point: the file was cut short.
+    /// Bytes after the last whole point; more than 0 where the file was cut short.
     pub trailing_bytes: u32,
 }
 
 impl DecodeReport {
-    /// Everything left out.
+    /// Number of all dropped points.
     pub fn dropped(&self) -> u32 {
         self.dropped_not_finite + self.dropped_over_limit
     }
@@ -39,17 +39,17 @@ impl DecodeReport {
     }
 }
 
-/// Every whole point of a file as it is, those that [`decode_bin`] leaves out too.
+/// Every whole point of a file, unchanged; the points that [`decode_bin`] drops are included.
 pub fn bin_points(bytes: &[u8]) -> impl Iterator<Item = Point> {
     bytes.as_chunks::<POINT_BYTES>().0.iter().map(point)
 }
 
-/// Counts without writing: how much memory [`decode_bin`] needs.
+/// Counts points without writing them. `points_out` is the number of points that [`decode_bin`] needs memory for.
 pub fn inspect_bin(bytes: &[u8]) -> DecodeReport {
     decode_with(bytes, POINTS_MAX, |_, _| ())
 }
 
-/// Reads points into `out`, in file order; keeps at most `out.len()` and [`POINTS_MAX`]. Elements beyond
+/// Reads points into `out`, in file order. Keeps at most `out.len()` points, and at most [`POINTS_MAX`]. Elements beyond
 /// `points_out` are not touched.
 pub fn decode_bin(bytes: &[u8], out: &mut [Point]) -> DecodeReport {
     decode_with(bytes, out.len().min(POINTS_MAX), |index, point| {
@@ -101,7 +101,7 @@ mod tests {
     fn decoded(bytes: &[u8]) -> (DecodeReport, Vec<Point>) {
         let report = inspect_bin(bytes);
         let mut out = vec![Point::default(); report.points_out as usize];
-        // Counting and reading agree.
+        // `inspect_bin` and `decode_bin` give the same report.
         assert_eq!(decode_bin(bytes, &mut out), report);
         (report, out)
     }

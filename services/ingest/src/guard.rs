@@ -1,5 +1,5 @@
-//! Does the input look like what the model takes, and like the sensor that was given? "No boxes and no error" is the commonest complaint about
-//! detectors; its causes are few, and scans show most of them.
+//! Checks that the input fits the model and the given sensor. "No boxes and no error" is the commonest complaint about
+//! detectors; it has few causes, and scans show most of them.
 
 use mluc_ipc_types::{Flags, Point};
 use mluc_model::{Grid, Manifest, SensorProfile, Takes, degrees_off};
@@ -7,43 +7,43 @@ use mluc_model::{Grid, Manifest, SensorProfile, Takes, degrees_off};
 use crate::DecodeReport;
 use crate::estimate::{Estimator, SECTORS, SensorEstimate, Unit, Up, direction_rad};
 
-/// Something that does not fit: what was found, what was expected, what to do.
+/// A mismatch. Its text says what was found, what was expected, and what to do.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Reason {
-    /// A share of the points has no measurement of its own; what they are, and what to do.
+    /// Share of the points that have no measurement of their own; which points these are; the remedy.
     #[error("{:.0} % of the points {}, expected at most {:.0} %: {}", .0 * 100.0, .1, SHARE_MAX * 100.0, .2)]
     Share(f32, &'static str, &'static str),
-    /// Points of a scan; the fewest and the most.
+    /// Points per scan; the fewest and the most expected.
     #[error("{} points a scan, expected {} to {}: are scans cut into packets, or several put together?", .0, .1[0], .1[1])]
     Points(u32, [u32; 2]),
-    /// Not metres.
+    /// The coordinates are not in metres: their unit.
     #[error("coordinates seem to be in {}, expected m: read them with --scale {}", .0.name(), .0.in_m())]
     Unit(Unit),
-    /// Not metres either, perhaps: depth of the ground as if in m; the lowest and the highest of the sensor.
+    /// The coordinates may be in feet: depth of the ground below the sensor, read as m; the lowest and the highest expected height of the sensor.
     #[error("the ground lies {:.1} below the sensor, expected {:.1} to {:.1} m: if the coordinates are in feet, read them with --scale 0.3048, else mount it there or take a model for this height", .0, .1[0], .1[1])]
     Feet(f32, [f32; 2]),
-    /// What points up in z's place.
+    /// Another axis than z points up.
     #[error("{} points up, expected z: say with --axes which axes point ahead, to the left and up", .0.name())]
     Axes(Up),
-    /// Height of the sensor, m; the lowest and the highest.
+    /// Height of the sensor, m; the lowest and the highest expected.
     #[error("sensor {:.2} m above the ground, expected {:.2} to {:.2} m: mount it there, shift z, or take a model for this height", .0, .1[0], .1[1])]
     Height(f32, [f32; 2]),
-    /// Tilt of the sensor, degrees; the largest.
+    /// Tilt of the sensor, degrees; the largest expected.
     #[error("sensor tilted by {:.0} degrees, expected at most {:.0}: level it, or turn the points by its extrinsics", .0, .1)]
     Tilt(f32, f32),
-    /// Beams; the fewest and the most that the model takes.
+    /// Beams found; the fewest and the most that the model takes.
     #[error("{} beams, expected {} to {}: take a model for this sensor", .0, .1[0], .1[1])]
     Beams(u32, [u32; 2]),
     /// Width of a gap in the field, degrees.
     #[error("no returns in {:.0} degrees of the directions that the model sees: uncover the sensor, or name its field with --sensor", .0)]
     Field(f32),
-    /// A driver's range limit, and where returns should end at the least, m.
+    /// Distance at which a driver's range limit ends the returns, and the least distance expected, m.
     #[error("returns end {:.0} m away in nearly half of the directions, expected {:.0} m or more: raise the driver's range limit", .0, .1)]
     Range(f32, f32),
-    /// The largest intensity, beyond 1.
+    /// The largest intensity, above 1.
     #[error("intensities up to {:.0}, expected 0 to 1: read them with --intensity-scale {}", .0, if *.0 > 255.5 { "0.0000153" } else { "0.00392" })]
     IntensityScale(f32),
-    /// No intensities, and the model reads them.
+    /// All intensities are 0, and the model reads intensities.
     #[error(
         "all intensities are 0, expected 0 to 1: let the driver send them, or take a model that does not read them"
     )]
@@ -51,66 +51,66 @@ pub enum Reason {
     /// How often the same scan came in a row.
     #[error("the same scan came {0} times, expected new ones: check the driver and the source")]
     Frozen(u32),
-    /// Not the given sensor: beams, how far they are off (degrees, on average, or the ends of the vertical field), beams of the profile.
+    /// Not the given sensor's beams: number found; degrees off (mean of the beams, or excess over the vertical field); number in the profile.
     #[error("{} beams, {:.1} degrees off those of the given sensor, expected its {}: give the right --sensor", .0, .1, .2)]
     SensorBeams(u32, f32, u32),
-    /// Beyond the given sensor's range: returns and range, m.
+    /// Returns beyond the given sensor's range: their distance and that range, m.
     #[error("returns {:.0} away, expected at most {:.0} m by the given sensor: if the coordinates are in feet, read them with --scale 0.3048", .0, .1)]
     SensorRange(f32, f32),
     /// Not the given sensor's height: found and given, m.
     #[error("sensor {:.2} m above the ground, expected {:.2} m by the given sensor: correct its height_m", .0, .1)]
     SensorHeight(f32, f32),
-    /// Not the given sensor's columns: between them and expected, degrees.
+    /// Not the given sensor's azimuth step: found and given, degrees.
     #[error("columns {:.2} degrees apart, expected {:.2} by the given sensor: correct its azimuth_step_deg", .0, .1)]
     SensorStep(f32, f32),
-    /// Outside of the given sensor's horizontal field, degrees.
+    /// Returns outside of the given sensor's horizontal field: by up to how many degrees.
     #[error("returns up to {:.0} degrees outside of the horizontal field of the given sensor, expected none: correct its field_deg", .0)]
     SensorField(f32),
 }
 
-/// Larger shares of points without a measurement are no few wrong ones; a guess.
+/// A larger share of points without a measurement is a fault, not a few wrong returns; a guess.
 const SHARE_MAX: f32 = 0.25;
-/// Scans with fewer points are not judged by their shape: a guess.
+/// A scan with fewer measured points is not judged by its shape; a guess.
 const POINTS_MIN: u32 = 2_000;
-/// A few wrong returns are no other scale.
+/// Larger intensities are on another scale; the estimate leaves out a few wrong returns.
 const INTENSITY_MAX: f32 = 1.001;
-/// What an estimate may be off before it counts: height, m, and tilt, degrees.
+/// Margins for the error of an estimate: height, m, and tilt, degrees.
 const HEIGHT_MARGIN_M: f32 = 0.1;
 const TILT_MARGIN_DEG: f32 = 1.0;
-/// Gaps that are narrower may be something near.
+/// A narrower gap may come from something near.
 const GAP_MIN_DEG: f32 = 60.0;
-/// Seen from so far, a direction is one that the model sees, m.
+/// The model sees a direction if the point at this distance, m, lies in its grid.
 const GAP_RANGE_M: f32 = 8.0;
-/// The range of a real sensor ends farther, m; and a limit is one where this share of directions ends.
+/// A real sensor's range ends beyond this distance, m. A nearer end is a driver's limit if more than the share below of the directions ends there.
 const RANGE_END_MIN_M: f32 = 30.0;
 const RANGE_END_SHARE: f32 = 0.45;
-/// A field as narrow as this may be all wall.
+/// A wall may fill a field this narrow.
 const NARROW_DEG: f32 = 100.0;
-/// Equal scans in a row that are no chance.
+/// The source is frozen after this number of equal scans in a row.
 const FROZEN_MIN: u32 = 4;
-/// Points of a scan that tell whether it is the last one.
+/// Sampled points that decide whether a scan equals the one before.
 const FROZEN_SAMPLE: usize = 256;
-/// The first so many scans are looked at, and then one so often: on average about 1 ms a scan.
+/// Number of first scans that all get a look, and the interval of later looks, in scans. On average a scan costs about 1 ms.
 const LOOK_FIRST: u64 = 3;
 const LOOK_EVERY: u64 = 6;
-/// Looks that vote.
+/// Number of last looks that vote on a reason.
 const LOOKS: usize = 3;
-/// Of the given sensor: beams off by this share of their distance and by so many degrees, fields by so many, counts and distances of columns by these factors, heights by so many m. Guesses.
+/// Tolerances against the given sensor: beams (share of spacing; degrees), fields (degrees), beam count, column step (factors), height (m). Guesses.
 const BEAM_OFF_SHARE: f32 = 0.3;
 const BEAM_OFF_DEG: f32 = 0.25;
 const FIELD_OFF_DEG: f32 = 2.0;
 const AROUND_OFF_DEG: f32 = 10.0;
 const BEAMS_FACTOR: f32 = 1.4;
-/// A product has modes and rates whose columns are twice as far apart.
+/// The column steps of one product's modes and rates can differ by a factor of two.
 const STEP_FACTOR: f32 = 2.2;
 const HEIGHT_OFF_M: f32 = 0.3;
-/// Returns beyond so many times the given sensor's range are no stray ones.
+/// Returns beyond this multiple of the given sensor's range are not stray ones.
 const RANGE_FACTOR: f32 = 2.0;
-/// No scan has more reasons.
+/// The most reasons per scan.
 const REASONS_MAX: usize = 24;
 
 impl Reason {
-    /// The frame's flag; [`Flags::INPUT_SUSPECT`] is in it.
+    /// The flag that this reason sets on the frame; it includes [`Flags::INPUT_SUSPECT`].
     pub fn flag(&self) -> Flags {
         match self {
             Reason::Share(..) | Reason::Points(..) => Flags::SUSPECT_POINTS,
@@ -132,7 +132,7 @@ impl Reason {
     }
 }
 
-/// What scans are held against.
+/// What scans are compared with: the model's input and the given sensor.
 #[derive(Clone, Debug)]
 pub struct Expected {
     takes: Takes,
@@ -142,7 +142,7 @@ pub struct Expected {
 }
 
 impl Expected {
-    /// A model, and the sensor that the user has, if given.
+    /// From a model's manifest and the user's sensor, if given.
     pub fn new(manifest: &Manifest, sensor: Option<SensorProfile>) -> Expected {
         Expected {
             takes: manifest.takes(),
@@ -152,17 +152,17 @@ impl Expected {
         }
     }
 
-    /// Which input the model takes.
+    /// The input that the model takes.
     pub fn takes(&self) -> &Takes {
         &self.takes
     }
 
-    /// The sensor that the user has, if given.
+    /// The user's sensor, if given.
     pub fn sensor(&self) -> Option<&SensorProfile> {
         self.sensor.as_ref()
     }
 
-    /// Adds what does not fit to `reasons`.
+    /// Adds a reason to `reasons` for everything that does not fit.
     pub fn judge(&self, found: &SensorEstimate, reasons: &mut Vec<Reason>) {
         let mut add = |is_so: bool, reason: Reason| {
             if is_so && reasons.len() < REASONS_MAX {
@@ -195,11 +195,11 @@ impl Expected {
         let (end_m, end_share) = (found.range_end_m, found.range_end_share);
         let sees_m = self.sensor.as_ref().map_or(f32::MAX, |s| s.range_m[1]);
         let least_m = RANGE_END_MIN_M.min(sees_m - 1.0);
-        // A wall before a narrow field ends all of its beams alike.
+        // A wall in front of a narrow field ends all of its beams.
         let is_wide = found.field_deg[1] > NARROW_DEG;
         let is_cut = is_wide && end_m < least_m && end_share > RANGE_END_SHARE;
         add(is_cut, Reason::Range(end_m, least_m));
-        // Scans in another frame or unit say nothing of mounting and beams.
+        // Where another axis points up, the estimate says nothing about mounting and beams.
         if found.up == Up::default() {
             self.judge_mounting(found, &mut add);
             self.judge_beams(found, &mut add);
@@ -225,22 +225,22 @@ impl Expected {
 
     fn judge_beams(&self, found: &SensorEstimate, add: &mut impl FnMut(bool, Reason)) {
         let [low, high] = self.takes.beams;
-        // Without clear beams the count is that of all sensors together.
+        // Without clear beams, the count covers all merged sensors.
         let has_waves = self.sensor.as_ref().is_some_and(|s| s.wave.is_some());
         let is_known = found.are_beams_clear || found.azimuth_step_deg.is_some();
         let merged = if found.are_beams_clear { 1 } else { 4 };
         let fits = (low..=high.saturating_mul(merged)).contains(&found.beams);
-        // Lines that wave show no beams.
+        // Lines that wave show no separate beams.
         let are_others = is_known && !fits && !has_waves;
         add(are_others, Reason::Beams(found.beams, [low, high]));
         let gap_deg = self.gap_deg(found);
         add(gap_deg >= GAP_MIN_DEG, Reason::Field(gap_deg));
     }
 
-    /// Degrees of the directions in the model's grid and the given sensor's field that the found field leaves out and the own body leaves free.
+    /// Degrees of the directions that are in the model's grid and the given sensor's field, outside of the found field, and not hidden by the robot.
     fn gap_deg(&self, found: &SensorEstimate) -> f32 {
         let [middle_deg, width_deg] = found.field_deg;
-        // Units with a field look in directions of their own.
+        // Merged units with a field each look in their own direction: no gap is judged.
         let is_swept = |azimuth_deg: f32| match self.sensor.as_ref() {
             Some(SensorProfile {
                 field_deg: Some([middle_deg, width_deg]),
@@ -274,20 +274,20 @@ impl Expected {
         let (longest_m, own_m) = (found.range_longest_m, sensor.range_m[1]);
         let is_beyond = longest_m > RANGE_FACTOR * own_m;
         add(is_beyond, Reason::SensorRange(longest_m, own_m));
-        // Units look in directions of their own.
+        // Merged units each look in their own direction: their field is not judged.
         let field_deg = sensor.field_deg.filter(|_| sensor.units.is_empty());
         if let Some([middle_deg, width_deg]) = field_deg {
             let [found_deg, found_width_deg] = found.field_deg;
             let turn_deg = degrees_off(found_deg, middle_deg);
             let outside_deg = turn_deg + (found_width_deg - width_deg) / 2.0;
-            // A gap elsewhere is a cover, and the returns beyond the profile's own gap are in the field.
+            // If the two gaps do not overlap, the found one is a cover, and returns on the far side of the profile's own gap are in its field.
             let is_gap_shared = 2.0 * turn_deg < 720.0 - width_deg - found_width_deg;
             let is_outside = outside_deg > AROUND_OFF_DEG && is_gap_shared;
             add(is_outside, Reason::SensorField(outside_deg));
         }
         let beams = &sensor.elevations_deg;
         let [top, bottom] = sensor.vertical_field_deg();
-        // Of merged sensors the profile's elevations are of one of them; points that were levelled have others too.
+        // For merged sensors, the profile has the elevations of one sensor only. Levelled points also have other elevations.
         let levelled_deg = sensor.pitch_deg.hypot(sensor.roll_deg) - found.tilt_deg();
         if !sensor.units.is_empty() || levelled_deg > FIELD_OFF_DEG {
             return;
@@ -302,11 +302,11 @@ impl Expected {
         let off_deg = found.distance_deg(sensor).unwrap_or(0.0);
         let are_off =
             found.are_beams_clear && off_deg > BEAM_OFF_DEG.max(BEAM_OFF_SHARE * spacing_deg);
-        // Returns beyond the ends of the field contradict it; beams that see the sky alone have none.
+        // Returns beyond the ends of the vertical field contradict it; missing returns do not, since some beams see only the sky.
         let [highest, lowest] = found.vertical_field_deg;
         let beyond_deg = (highest - top).max(bottom - lowest);
         let ratio = found.beams as f32 / beams.len() as f32;
-        // Lines that wave show no beams.
+        // Lines that wave show no separate beams.
         let is_other_count =
             sensor.wave.is_none() && !(1.0 / BEAMS_FACTOR..=BEAMS_FACTOR).contains(&ratio);
         let is_other = are_off || beyond_deg > FIELD_OFF_DEG || is_other_count;
@@ -316,13 +316,13 @@ impl Expected {
     }
 }
 
-/// Looks at the first three scans and then at every sixth. A reason holds until the next look, if two of the last three looks found it, or the first one.
+/// Looks at the first three scans, then at every sixth. A reason holds until the next look if two of the last three looks found it, or the first one.
 #[derive(Clone, Debug)]
 pub struct Guard {
     expected: Expected,
     estimator: Estimator,
     scans: u64,
-    /// Of the last looks, the newest last.
+    /// Reasons that the last looks found, the newest last.
     found: [Vec<Reason>; LOOKS],
     reasons: Vec<Reason>,
     last_scan: u64,
@@ -330,7 +330,7 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// All memory is made here.
+    /// Allocates all memory.
     pub fn new(expected: Expected) -> Guard {
         Guard {
             expected,
@@ -343,12 +343,12 @@ impl Guard {
         }
     }
 
-    /// Whether the next scan is looked at, and is none of the first, whose verdict shall go out with them.
+    /// Whether the next scan gets a look that can wait until the frame is sent. The verdicts on the first scans go out with their frames.
     pub fn looks_later(&self) -> bool {
         self.scans >= LOOK_FIRST && self.scans.is_multiple_of(LOOK_EVERY)
     }
 
-    /// Takes the next scan, its finite points, into account; gives what does not fit.
+    /// Checks the next scan, given its finite points, and returns what does not fit.
     pub fn check(&mut self, points: &[Point], report: &DecodeReport) -> &[Reason] {
         if self.scans < LOOK_FIRST || self.scans.is_multiple_of(LOOK_EVERY) {
             self.look(points, report.dropped_not_finite);
@@ -382,7 +382,7 @@ impl Guard {
         }
     }
 
-    /// Counts scans whose points lie where the last one's did; those without points are no scans.
+    /// Counts scans in a row whose sampled points lie at the same places. Empty scans do not count.
     fn count_equal(&mut self, points: &[Point]) {
         let step = (points.len() / FROZEN_SAMPLE).max(1);
         let mut sum = points.len() as u64;
@@ -416,7 +416,7 @@ mod tests {
         points: [0, 200_000],
     };
 
-    /// Flat ground so far below the sensor.
+    /// Flat ground at this depth below the sensor.
     fn ground(height_m: f32, shift: f32) -> Vec<Point> {
         let point = |number: usize| {
             let angle = (number % 900) as f32 * 0.4_f32.to_radians() + shift;

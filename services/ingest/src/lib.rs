@@ -1,7 +1,7 @@
-//! Bytes of a scan to points: the first stage, as plain functions.
+//! Decodes the bytes of a scan to points: the first stage, as plain functions.
 //!
-//! [`decode_bin`] reads KITTI's `.bin` layout straight into the caller's memory and counts what it leaves out; [`estimate`] says what the sensor is;
-//! [`Guard`] tells whether scans look like what the model takes. Nothing here opens a file or reads a clock.
+//! [`decode_bin`] reads KITTI's `.bin` layout straight into the caller's memory and counts the points that it drops; [`estimate`] estimates the sensor;
+//! [`Guard`] checks whether scans look like the input that the model takes. Nothing here opens a file or reads a clock.
 
 mod decode;
 pub mod estimate;

@@ -1,7 +1,6 @@
-//! The scans that the program brings along, in a folder for as long as somebody runs on them.
+//! The scans that are built into the program, in a temporary folder while they are used.
 
-use std::fs;
-use std::path::Path;
+use std::{fs, path::Path};
 
 use anyhow::Context;
 use tempfile::TempDir;

@@ -184,7 +184,7 @@ pub(crate) struct PipelineArgs {
     /// How the refiner clusters.
     #[arg(long, value_parser = Variant::ALL.map(Variant::name), help_heading = OBJECTS)]
     #[serde(skip)]
-    pub(crate) refiner_mode: Option<String>,
+    pub(crate) refiner_variant: Option<String>,
     /// Follow unknown objects over frames: each gets a number and is published once its track is likely enough. Known objects are never delayed.
     #[arg(long, help_heading = OBJECTS)]
     #[serde(skip_serializing_if = "std::ops::Not::not")]

@@ -1,4 +1,4 @@
-//! What the supervisor tells the stages, and `mluc monitor`, while a run is on: a file in the instance's folder, looked at before each frame.
+//! Messages of the supervisor to the stages and to `mluc monitor` during a run: a file in the instance's folder, read before each frame.
 
 use std::{collections::BTreeSet, os::unix::fs::MetadataExt, path::PathBuf, time::SystemTime};
 
@@ -14,17 +14,17 @@ use crate::model::PinnedModel;
 pub(crate) struct Control {
     /// Indices of scans that kill stages: an empty frame takes the place of each.
     pub(crate) set_aside: BTreeSet<u64>,
-    /// Of the stages, since the supervisor began.
+    /// Restarts of each stage since the supervisor began.
     pub(crate) restarts: [u32; 4],
-    /// Pace `complete`: no next frame yet.
+    /// At pace `complete`: ingest must not send the next frame yet.
     pub(crate) holds: bool,
-    /// The last one; before it a stage's own settings hold.
+    /// The last reload; before the first one, a stage's own settings apply.
     pub(crate) reload: Option<Reload>,
-    /// Requests for a reload so far, whether the last one was refused, and what came of it.
+    /// Number of requests for a reload so far, whether the last one was refused, and its result in words.
     pub(crate) answer: (u64, bool, String),
 }
 
-/// That of the model's gate, and the scores from which objects are published.
+/// The threshold of the model's gate, and the scores from which objects are published.
 pub(crate) type Thresholds = (f32, ScoreMin);
 
 /// All stages compute a frame with the same model and judge it by the same thresholds.
@@ -33,7 +33,7 @@ pub(crate) struct Reload {
     /// The run, and its first frame that is judged by the new thresholds.
     pub(crate) run_id: u64,
     pub(crate) from_sequence: u64,
-    /// Another model, for the stages to make ready: its frames are those with the new thresholds.
+    /// Another model, which the stages make ready. The new thresholds apply to the frames of this model.
     pub(crate) model: Option<PinnedModel>,
     pub(crate) old: Thresholds,
     pub(crate) new: Thresholds,
@@ -44,7 +44,7 @@ impl Control {
         instance.root().join("control.json")
     }
 
-    /// Appears as a whole.
+    /// Writes the file; readers never see a part of it.
     pub(crate) fn write(&self, instance: &Instance) -> anyhow::Result<()> {
         let path = Control::path(instance);
         let new = path.with_extension("new");
@@ -53,7 +53,7 @@ impl Control {
         written.with_context(|| format!("writing {}", path.display()))
     }
 
-    /// `None`: as the stage's settings say.
+    /// The thresholds for a frame; `None`: the ones of the stage's settings apply.
     pub(crate) fn thresholds_of(&self, header: &FrameHeader) -> Option<Thresholds> {
         let reload = self.reload.as_ref()?;
         let is_before = match &reload.model {
@@ -65,10 +65,10 @@ impl Control {
     }
 }
 
-/// Reads the file where it is another one than before.
+/// Reads the file again when it was replaced.
 pub(crate) struct ControlWatch {
     path: PathBuf,
-    /// Number and time of the file that was read.
+    /// Inode and modification time of the file that was read.
     read: Option<(u64, SystemTime)>,
     control: Control,
 }
@@ -82,7 +82,7 @@ impl ControlWatch {
         }
     }
 
-    /// Without a file nothing was said.
+    /// The current content; the default if there is no file.
     pub(crate) fn look(&mut self) -> &Control {
         let about = std::fs::metadata(&self.path).ok();
         let found = about.and_then(|about| Some((about.ino(), about.modified().ok()?)));

@@ -22,7 +22,7 @@ fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
     toml::from_str(text).map_err(|error| with_hint(error.to_string().trim_end(), &error))
 }
 
-/// `text` about an error, and the name that was meant where an unknown one is near it.
+/// The `text` of an error, with a hint if the unknown name is similar to a known one.
 pub(crate) fn with_hint(text: &str, error: &toml::de::Error) -> String {
     let words = unknown_and_known(error.message());
     let words = words.split_first();
@@ -48,7 +48,7 @@ fn unknown_and_known(message: &str) -> Vec<&str> {
     words.filter(|_| is_unknown).collect()
 }
 
-/// All keys of a table of the configuration (`stages.head`; empty: the top), those without a default too. Empty where there is no such table.
+/// All keys of a table of the configuration (`stages.head`; empty: the top), also keys without a default. Empty if there is no such table.
 pub fn known_keys(table: &str) -> Vec<String> {
     let key = format!("{table}.\"?\"");
     let texts = [
@@ -68,12 +68,12 @@ fn place(instance: &Instance) -> PathBuf {
 }
 
 /// Hands `settings` to the stages of its instance. The caller must have joined the instance, which removes the file when the
-/// last process leaves. The document counts for as long as the file that is given is open, and with it locked.
+/// last process leaves. The document is valid while the returned file is open, because the file is locked until then.
 pub(crate) fn publish(settings: &Settings) -> anyhow::Result<File> {
     let path = place(&settings.instance);
     let text = toml::to_string(settings).context("writing the settings")?;
     let write = || -> std::io::Result<File> {
-        // A stage never sees half a document: it appears under its name when it is whole and locked.
+        // A stage never sees a part of a document: it appears under its name only when it is complete and locked.
         let new = path.with_extension("new");
         let mut file = File::create(&new)?;
         file.write_all(text.as_bytes())?;
@@ -84,7 +84,7 @@ pub(crate) fn publish(settings: &Settings) -> anyhow::Result<File> {
     write().with_context(|| format!("writing {}", path.display()))
 }
 
-/// The document of the pipeline that runs under this name; none where no supervisor is alive.
+/// The document of the pipeline that runs under this name; `None` if no supervisor is alive.
 pub(crate) fn of_running(instance: &Instance) -> Option<Table> {
     let path = place(instance);
     let file = File::open(&path).ok()?;

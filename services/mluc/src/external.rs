@@ -1,4 +1,4 @@
-//! Commands that are programs of their own, as cargo's subcommands are: `mluc` only finds and becomes them.
+//! Commands that are separate programs, like cargo's subcommands: `mluc` only finds the program and replaces itself with it.
 
 use std::process::{Command, ExitCode};
 use std::{ffi::OsString, io::ErrorKind, os::unix::process::CommandExt, path::PathBuf};
@@ -16,24 +16,24 @@ pub(crate) struct ExternalArgs {
     _arguments: Vec<OsString>,
 }
 
-/// The program of this name: the file beside this program where there is one, else the bare name, which is looked up on PATH when it is started.
+/// The program of this name: the file next to this program if there is one, else the bare name, which is looked up on PATH at its start.
 pub fn installed_program(name: &str) -> PathBuf {
     let own = std::env::current_exe().unwrap_or_default();
     let beside = Some(own.with_file_name(name)).filter(|path| path.is_file());
     beside.unwrap_or_else(|| PathBuf::from(name))
 }
 
-/// This program's file; where that was removed or replaced since the start, what runs.
+/// This program's file; if it was removed or replaced since the start, the image that is running.
 pub(crate) fn own_program() -> PathBuf {
     let path = std::env::current_exe().ok().filter(|path| path.exists());
-    // By number: other processes start it too.
+    // With the process id and not `self`: other processes start it too.
     path.unwrap_or_else(|| format!("/proc/{}/exe", std::process::id()).into())
 }
 
-/// Becomes `program`, which lies beside this one or on PATH, with `first` and what stands behind the command's name. The
-/// cargo package that holds it has its name.
+/// Replaces this process with `program`, which is next to this program or on PATH. Its arguments are `first` and the words
+/// after the command's name. The cargo package of the program has the same name.
 pub(crate) fn external(program: &str, first: &[&str]) -> anyhow::Result<ExitCode> {
-    // As they came (clap would leave out the first `--`), but for the log's format, which is ours before a `--`.
+    // The arguments as they came (clap would drop the first `--`), except the option of the log format before a `--`, which is ours.
     let (mut own, mut format) = (Vec::<OsString>::new(), OsString::from(log_format()));
     let mut words = std::env::args_os().skip(1);
     while let Some(word) = words.next() {
@@ -44,7 +44,7 @@ pub(crate) fn external(program: &str, first: &[&str]) -> anyhow::Result<ExitCode
             _ => own.push(word),
         }
     }
-    // Only returns when it fails.
+    // `exec` only returns when it fails.
     let mut command = Command::new(installed_program(program));
     command.args(first).args(own.iter().skip(1));
     let error = command.env(LOG_FORMAT_VARIABLE, format).exec();

@@ -1,5 +1,5 @@
-//! What the program `mluc` consists of: a thin process around each stage, the supervisor that keeps them running, and how
-//! a run is configured. Programs that start pipelines of their own (`mluc-bench`, `mluc-contract`) use it too.
+//! The parts of the program `mluc`: the process around each stage, the supervisor that keeps the stages running, and the
+//! configuration of a run. Programs that start pipelines of their own (`mluc-bench`, `mluc-contract`) use them too.
 //!
 //! Results go to stdout, everything else to stderr. Exit codes: 0 fine, 1 failure, 2 usage, 3 finished, but a frame was
 //! lost or a stage had to be restarted (docs/output.md).
@@ -31,14 +31,14 @@ use mluc_runtime::choose_log_format;
 use terminal::{print_at, print_err};
 use tracing::Level;
 
-/// Finished, but not all went well.
+/// Finished, but a frame was lost or a stage had to be restarted.
 pub const EXIT_WARNINGS: u8 = 3;
 /// The command line or the configuration is wrong.
 pub const EXIT_USAGE: u8 = 2;
-/// Everything else that stops a program.
+/// Any other error that stops a program.
 pub const EXIT_FAILURE: u8 = 1;
 
-/// An error of the user's making: exit code 2.
+/// An error in the command line or the configuration: exit code 2.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct UsageError(pub String);
@@ -59,7 +59,7 @@ pub fn main(has_stdout: bool) -> ExitCode {
     if let Some(format) = &cli.log_format {
         choose_log_format(format);
     }
-    // A stage writes nothing there.
+    // These commands write nothing to standard output.
     use Command::{Clean, Exec, Stage};
     let is_silent = matches!(cli.command, Stage(_) | Clean { .. } | Exec { .. });
     if !has_stdout && !is_silent {

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Rust's runtime opens /dev/null in the place of a closed stdout before `main`: what is written would be lost without an error. So this is asked before.
+/// Rust's runtime replaces a closed stdout with /dev/null before `main`: output would be lost without an error. So this is checked earlier.
 static STDOUT_IS_CLOSED: AtomicBool = AtomicBool::new(false);
 
 extern "C" fn look_at_stdout() {
@@ -12,7 +12,7 @@ extern "C" fn look_at_stdout() {
 }
 
 #[allow(unsafe_code)]
-// The section's functions run before `main`; this one makes two system calls and keeps their answer.
+// The functions of this section run before `main`; this one makes two system calls and keeps their result.
 #[unsafe(link_section = ".init_array")]
 #[used]
 static BEFORE_MAIN: extern "C" fn() = look_at_stdout;

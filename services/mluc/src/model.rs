@@ -15,7 +15,7 @@ macro_rules! built_in {
         &[$(($name, include_bytes!(concat!("../../../weights/", $name, ".safetensors")))),+]
     };
 }
-/// The models in this program, of `weights/`. Another one is a name here, and its floors in `tests/tests/accuracy.toml`.
+/// The models in this program, from `weights/`. A new model needs its name here and its baselines in `tests/tests/accuracy.toml`.
 const BUILT_IN: &[(&str, &[u8])] = built_in!("any-open", "any");
 /// The models of the paper's settings: files in `weights/paper/` of the repository.
 const PAPER: [&str; 4] = ["kitti", "kitti-open", "udi", "udi-open"];
@@ -77,7 +77,7 @@ pub(crate) fn load_for(settings: &Settings) -> anyhow::Result<Model> {
     Ok(model)
 }
 
-/// A copy of a run's model for the stages, in a folder of its own in the instance's: it stays whatever becomes of the file.
+/// A copy of a run's model for the stages, in its own folder in the instance's folder: it stays, whatever happens to the model's file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct PinnedModel {
     pub(crate) fingerprint: u64,
@@ -89,16 +89,16 @@ impl PinnedModel {
         instance.root().join(format!("model-{number}"))
     }
 
-    /// Removes one, or what is left of it: a part of a copy would fill what is left of shared memory.
+    /// Removes a copy, or a part of one: an incomplete copy would take up the rest of shared memory.
     pub(crate) fn remove(instance: &Instance, number: u64) {
         let _ = fs::remove_dir_all(PinnedModel::folder(instance, number));
     }
 
-    /// `number`: no other one's of the run. The settings name the copy from now on.
+    /// `number`: unique among the copies of the run. From now on the settings name the copy.
     pub(crate) fn new(settings: &mut Settings, model: &Model, number: u64) -> anyhow::Result<Self> {
         let (name, fingerprint) = (&settings.model, model.fingerprint);
         let bytes = built_in(name).map_or_else(|| fs::read(name), |bytes| Ok(bytes.to_vec()));
-        // An earlier supervisor may have left one, with what stages that are still alive said of it.
+        // An earlier supervisor may have left a copy, with reports from stages that are still alive.
         PinnedModel::remove(&settings.instance, number);
         let folder = PinnedModel::folder(&settings.instance, number);
         let file = folder.join("model.safetensors");

@@ -1,4 +1,4 @@
-//! `--input -`: one file of scans from standard input, on the disk for as long as somebody runs on it.
+//! `--input -`: one file of scans from standard input, stored on the disk while it is used.
 
 use std::fs::{DirBuilder, File, read_dir, remove_dir_all, rename};
 use std::io::{IsTerminal, Read, copy, stdin};
@@ -9,9 +9,9 @@ use anyhow::{Context, ensure};
 
 use crate::UsageError;
 
-/// An hour of a fast sensor.
+/// Limit of the input's size, bytes: an hour of a fast sensor.
 const BYTES_MAX: u64 = 64 << 30;
-/// What files begin with; KITTI's `.bin` has no such mark.
+/// The first bytes of each kind of file, and its ending; KITTI's `.bin` has no such mark.
 const BEGINNINGS: [(&[u8], &str); 11] = [
     (b"\x0A\x0D\x0D\x0A", "pcapng"),
     (b"\xD4\xC3\xB2\xA1", "pcap"),
@@ -40,7 +40,7 @@ impl Piped {
             return Err(UsageError(text.into()).into());
         }
         let (place, stem) = (std::env::temp_dir(), "mluc-stdin-");
-        // What others left: a signal while standard input is read ends a process at once, and its lock.
+        // Removes folders of dead processes: a signal while standard input is read ends a process at once, and releases its lock.
         for entry in read_dir(&place).into_iter().flatten().flatten() {
             let (name, path) = (entry.file_name(), entry.path());
             let is_ours = name.to_string_lossy().starts_with(stem) && path.is_dir();
@@ -50,7 +50,7 @@ impl Piped {
         }
         let folder = place.join(format!("{stem}{}", std::process::id()));
         let about = || format!("input -: {}", folder.display());
-        // Nobody finds it before it is locked.
+        // No other process finds the folder before it is locked.
         let hidden = place.join(format!(".{stem}{}", std::process::id()));
         let _ = remove_dir_all(&hidden);
         let made = DirBuilder::new().mode(0o700).create(&hidden);

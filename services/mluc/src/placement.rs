@@ -1,4 +1,4 @@
-//! Where a stage runs: its cores, its priority and its locked memory. What this user may not have is a warning.
+//! Where a stage runs: its cores, its priority and its locked memory. A setting that this user has no right to is a warning.
 //!
 //! Cores are set by the process itself, before it starts threads. A real-time priority needs a call that only `unsafe` code
 //! can make; `chrt` of util-linux, which every distribution has, makes it and becomes the stage.
@@ -30,7 +30,7 @@ impl StageSettings {
         })
     }
 
-    /// Whether this user may have the priority: tried with a program that does nothing.
+    /// Whether this user may have the priority; tested with a program that does nothing.
     pub(crate) fn check_right(&self, stage: &str) -> Result<(), UsageError> {
         let Some(priority) = self.priority else {
             return Ok(());
@@ -44,7 +44,7 @@ impl StageSettings {
         Err(UsageError(format!("priority of {stage}: {what}: {cause}")))
     }
 
-    /// With its priority where this user may have it.
+    /// The command that starts `program`, with the stage's priority if this user may have it.
     pub(crate) fn placed(&self, program: PathBuf) -> Command {
         let has_right = self.check_right("").is_ok();
         match self.priority.filter(|_| has_right) {
@@ -67,9 +67,9 @@ fn at_priority(priority: u8, program: PathBuf) -> Command {
     command
 }
 
-/// Keeps the memory of this process, from now on and as it is touched, from being paged out.
+/// Locks the present and the later memory of this process, page by page when it is touched, so that it is not paged out.
 pub(crate) fn lock_memory() -> Result<(), String> {
-    // Under a limit the call may succeed, and a later allocation fails.
+    // With a limit, the call may succeed and a later allocation may fail.
     let is_free = getrlimit(Resource::Memlock).current.is_none();
     let own = capabilities(None).map(|own| own.effective);
     if !is_free && !own.is_ok_and(|own| own.contains(CapabilitySet::IPC_LOCK)) {
@@ -95,7 +95,7 @@ pub fn usable_cpus() -> Vec<usize> {
     all.filter(|&cpu| set.is_set(cpu)).collect()
 }
 
-/// Keeps this process, and what it starts from now on, on those of `cpus` that it may use.
+/// Pins this process, and what it starts from now on, to those of `cpus` that it may use.
 pub fn pin(cpus: &[usize]) -> anyhow::Result<()> {
     let usable = usable_cpus();
     let (own, others): (Vec<usize>, Vec<usize>) = cpus.iter().partition(|cpu| usable.contains(cpu));
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn cores_that_may_not_be_used_are_left_out() {
-        // Of this test's thread alone.
+        // Concerns only the thread of this test.
         let before = usable_cpus();
         pin(&[before[0], CpuSet::MAX_CPU - 1]).unwrap();
         assert_eq!(usable_cpus(), before[..1]);

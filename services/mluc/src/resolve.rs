@@ -1,5 +1,5 @@
-//! Settings from where they are given. A later layer wins: defaults, a running pipeline's document (`mluc stage` alone), the
-//! configuration file, the environment, the command line; and the model for the gate's threshold.
+//! Merges the settings from their sources. A later layer wins: defaults, a running pipeline's document (only for `mluc stage`),
+//! the configuration file, the environment, the command line. The model gives the gate's threshold if none was given.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -12,11 +12,11 @@ use toml::{Table, Value};
 use crate::{UsageError, document, model};
 use crate::{cli::PipelineArgs, document::with_hint, settings::Settings};
 
-/// Settings, and who set what.
+/// Settings, and the origin of each value.
 #[derive(Debug)]
 pub(crate) struct Resolved {
     pub(crate) settings: Settings,
-    /// Where a key that was set, `stages.head.threads` for instance, has its value from.
+    /// The origin of the value of each key that was set, for instance `stages.head.threads`.
     origins: BTreeMap<String, String>,
 }
 
@@ -84,7 +84,7 @@ impl Resolved {
         for (key, value) in table.iter().filter(|(_, value)| !value.is_table()) {
             let origin = self.origins.get(&below(path, key));
             let origin = origin.map_or("default", String::as_str);
-            // The model's own threshold is not to outlive the model in a file.
+            // The model's own threshold is commented out: in a file it must not be used with another model.
             let mark = if origin == "model" { "# " } else { "" };
             *text += &format!("{:40} # {origin}\n", format!("{mark}{key} = {value}"));
         }
@@ -104,7 +104,7 @@ impl Resolved {
     }
 }
 
-/// The path of a key in a table, `stages.head`; the top's is empty.
+/// The path of a key in a table, such as `stages.head`; the path of the top is empty.
 pub(crate) fn below(path: &str, key: &str) -> String {
     format!("{path}.{key}").trim_start_matches('.').to_string()
 }
@@ -114,7 +114,7 @@ fn merge(base: &mut Table, layer: Table, path: &str, tell: &mut dyn FnMut(String
     for (key, value) in layer {
         let inner_path = below(path, &key);
         match (base.get_mut(&key), value) {
-            // `track = true` over a table that says how.
+            // `track = true` keeps the table of an earlier layer.
             (Some(Value::Table(_)), Value::Boolean(true)) => (),
             (Some(Value::Table(inner)), Value::Table(over)) => {
                 merge(inner, over, &inner_path, tell)
@@ -132,9 +132,9 @@ fn merge(base: &mut Table, layer: Table, path: &str, tell: &mut dyn FnMut(String
     }
 }
 
-/// A configuration file, checked; without `[bench]`, and with paths that hold in any folder: relative ones are relative to the file.
+/// A configuration file, checked, without `[bench]`. Its paths are made absolute: relative ones are relative to the file.
 pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
-    // First as settings, for an error that names line and key.
+    // It is first read as settings, so that an error names line and key.
     document::read::<Settings>(path)?;
     let mut table: Table = document::read(path)?;
     table.remove("bench");
@@ -144,7 +144,7 @@ pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
     Ok(table)
 }
 
-/// Makes the paths of a layer absolute: relative ones are relative to `folder`. Names of what is built in and addresses stay.
+/// Makes the paths of a layer absolute: relative ones are relative to `folder`. Names of built-in models and sensors, and addresses, stay.
 fn rebase(layer: &mut Table, folder: &Path) {
     let absolute = |name: &str| {
         let path = name.strip_prefix(FOLLOW);
@@ -197,7 +197,7 @@ fn flag_layers(args: &PipelineArgs) -> anyhow::Result<Vec<Table>> {
     for stage in &args.without {
         lines.push(format!("stages.{stage}.external = true"));
     }
-    if let Some(name) = &args.refiner_mode {
+    if let Some(name) = &args.refiner_variant {
         lines.push(format!("refiner.variant = '{name}'"));
     }
     if let Some(profile) = &args.sensor {
@@ -254,7 +254,7 @@ mod tests {
             seconds: Some(3.0),
             unknown_min: Some(0.6),
             track: Some(Default::default()),
-            // Pace `complete` has none.
+            // Pace `complete` has no budget.
             budget_ms: None,
             ..Settings::default()
         };
@@ -281,7 +281,7 @@ mod tests {
     fn what_is_printed_resolves_to_the_same() {
         let words = "--input=a/b --model=../../weights/paper/udi.safetensors --pace=complete --rate=5 --loop --seconds=9 --instance=x --lambda=1.25 \
             --verify-mapping --track --threads=ingest=3 --without=refiner --budget-ms=70 --precision=bf16 \
-            --refiner-mode=paper --profile=quiet --min-unknown-score=0.25";
+            --refiner-variant=paper --profile=quiet --min-unknown-score=0.25";
         let mut first = resolved(&words.split_whitespace().collect::<Vec<_>>());
         first.load_model().unwrap();
         let text = first.print().unwrap();

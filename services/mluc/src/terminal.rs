@@ -1,4 +1,4 @@
-//! What a command says. A terminal or file that is full or closed is an error at most, never a panic beside running stages.
+//! The output of a command. A full or closed terminal or file causes an error at most, never a panic while stages run.
 
 use std::io::{Write, stdout};
 use std::{fmt::Display, time::Duration};
@@ -7,15 +7,15 @@ use anyhow::Context;
 use mluc_runtime::{LOG_FORMATS, PatientStderr, log_format, log_line};
 use tracing::Level;
 
-/// How long a reader of stderr is waited for.
+/// How long a write waits for the reader of stderr.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// A line on stderr, lost where it cannot be written; where the log is JSON, it is one of its lines.
+/// Writes a line to stderr; it is lost if it cannot be written. If the log is JSON, the line is a JSON line of the log.
 pub fn print_err(text: impl Display) {
     print_at(Level::INFO, text);
 }
 
-/// The same of another level than `INFO`.
+/// Like [`print_err`], with another level than `INFO`.
 pub fn print_at(level: Level, text: impl Display) {
     let text = text.to_string();
     let is_json = log_format() == LOG_FORMATS[1];
@@ -24,7 +24,7 @@ pub fn print_at(level: Level, text: impl Display) {
     let _ = PatientStderr(PATIENCE).write_all(text.as_bytes());
 }
 
-/// A line of the command's answer, on stdout.
+/// Writes a line of the command's result to stdout.
 pub fn print_out(text: impl Display) -> anyhow::Result<()> {
     writeln!(stdout(), "{text}").context("standard output")
 }

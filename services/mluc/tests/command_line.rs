@@ -1,4 +1,4 @@
-//! The command line alone: no pipeline is started here.
+//! Tests the command line alone: they start no pipeline.
 
 use std::process::{Command, Output};
 
@@ -11,7 +11,7 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Exit code 2 of docs/output.md, with words that name the fault.
+/// Exit code 2 of docs/output.md, with words that name the error.
 #[test]
 fn a_wrong_command_line_or_configuration_is_a_usage_error() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -34,7 +34,7 @@ fn a_wrong_command_line_or_configuration_is_a_usage_error() {
     }
 }
 
-/// Rust opens /dev/null in its place: results would be lost with exit code 0.
+/// Rust replaces a closed stdout with /dev/null: results would be lost with exit code 0.
 #[test]
 fn a_closed_standard_output_is_an_error() {
     let program = env!("CARGO_BIN_EXE_mluc");
@@ -85,7 +85,7 @@ fn status_of_nothing_is_a_failure() {
 
 #[test]
 fn a_stage_whose_supervisor_is_gone_does_not_start() {
-    // Process 1 is not our parent here.
+    // Process 1 is not the parent here.
     let output = mluc(&["stage", "head", "--supervised-by=1", "--instance=gone"]);
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     assert!(said(&output).contains("the supervisor (process 1) is gone"));
@@ -94,7 +94,7 @@ fn a_stage_whose_supervisor_is_gone_does_not_start() {
 #[test]
 fn nothing_stays_of_a_standard_input() {
     let folder = tempfile::tempdir().expect("a folder");
-    // What a process left that was killed.
+    // The folder that a killed process left.
     std::fs::create_dir(folder.path().join("mluc-stdin-1")).expect("a folder");
     let mut doctor = Command::new(env!("CARGO_BIN_EXE_mluc"));
     doctor.args(["doctor", "--input", "-"]);

@@ -1,4 +1,4 @@
-//! `docs/configuration.md` names every key and every environment variable that the code reads, and nothing else.
+//! `docs/configuration.md` names exactly the keys and the environment variables that the code reads.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ fn document() -> String {
     std::fs::read_to_string(root().join("docs/configuration.md")).expect("the document")
 }
 
-/// The cells of each table's row that begins with a word in backticks, which are left out, after the heading above it.
+/// For each row of a table that begins with a word in backticks: the heading above it, and the cells without backticks.
 fn rows(document: &str) -> Vec<(&str, Vec<&str>)> {
     let mut heading = "";
     let mut rows = Vec::new();
@@ -48,7 +48,7 @@ fn keys() -> BTreeSet<(String, String)> {
         let known = known_keys(&table);
         assert!(!known.is_empty(), "{table} has no keys");
         for key in known {
-            // Keys that are tables have headings of their own; `track` may be one.
+            // Keys that are tables have their own headings; `track` may be one.
             let inner = format!("{table}.{key}");
             let is_table = key == "bench" || !known_keys(inner.trim_start_matches('.')).is_empty();
             if key == "track" || !is_table {
@@ -59,8 +59,8 @@ fn keys() -> BTreeSet<(String, String)> {
     keys
 }
 
-/// Names in string literals of the programs' code that begin with MLUC_; those that a build script sets for the compiler,
-/// and the C header's constants, are none that a user sets.
+/// Names in string literals of the programs' code that begin with MLUC_. Left out are the names that a build script sets for
+/// the compiler, and the C header's constants: a user sets none of them.
 fn variables() -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     let folders = ["ipc-types", "services", "capi", "bench", "lab", "tests"];
@@ -114,7 +114,7 @@ fn the_document_has_every_environment_variable_and_no_other() {
     assert_eq!(written, variables());
 }
 
-/// A row says the default that the code has, where it is a plain value.
+/// Each row gives the default of the code, if it is a plain value.
 #[test]
 fn the_document_has_the_defaults_of_the_code() {
     let document = document();

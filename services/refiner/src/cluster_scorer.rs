@@ -1,15 +1,15 @@
-//! How likely a cluster is something that drives or walks: a few dense layers on its measurements.
+//! The probability that a cluster is something that drives or walks: a few dense layers on its measurements.
 //!
-//! Boxes say that something may be there; bushes, walls and posts measure otherwise than bodies do, whatever class they are
-//! of. The layers are fitted without any unknown class. Extension of the paper, which ranks by the embedding alone.
+//! A box says that an object may be there. The measurements of bushes, walls and posts differ from the measurements of bodies of any
+//! class. The layers are fitted without any unknown class. Extension of the paper, which ranks by the embedding alone.
 
 use mluc_model::{CLUSTER_SCORER, CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS, WeightSet};
 
 use crate::clusters::Measures;
 
-/// Measurements that count.
+/// Number of measurements that are used.
 pub const FEATURES: usize = CLUSTER_SCORER_WIDTHS[0];
-/// Of any layer.
+/// Maximum width of a layer.
 const WIDEST: usize = 32;
 
 const _: () = {
@@ -17,7 +17,7 @@ const _: () = {
     assert!(a <= WIDEST && b <= WIDEST && c <= WIDEST && d <= WIDEST);
 };
 
-/// Numbers of about 1; the first three are the logs of the seen sizes.
+/// The measurements scaled to about 1; the first three are the logarithms of the seen sizes.
 pub fn features(m: &Measures) -> [f32; FEATURES] {
     let log = |v: f32| v.max(0.05).ln();
     let [l, w, h] = m.seen_m;
@@ -39,36 +39,36 @@ pub fn features(m: &Measures) -> [f32; FEATURES] {
     ]
 }
 
-/// The fitted layers, as [`CLUSTER_SCORER`] lays them out.
+/// The fitted layers, in the layout of [`CLUSTER_SCORER`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClusterScorer {
     values: Vec<f32>,
 }
 
 impl ClusterScorer {
-    /// `None` for another number than [`CLUSTER_SCORER_VALUES`].
+    /// `None` for another number of values than [`CLUSTER_SCORER_VALUES`].
     pub fn new(values: Vec<f32>) -> Option<ClusterScorer> {
         (values.len() == CLUSTER_SCORER_VALUES).then_some(ClusterScorer { values })
     }
 
-    /// From a model's weights, where they have it.
+    /// The scorer from a model's weights, if they have one.
     pub fn of_model(weights: &WeightSet) -> Option<ClusterScorer> {
         ClusterScorer::new(weights.find(CLUSTER_SCORER)?.data.clone())
     }
 
-    /// Into a model's weights.
+    /// Writes the scorer into a model's weights.
     pub fn write(&self, weights: &mut WeightSet) {
         let shape = vec![CLUSTER_SCORER_VALUES];
         weights.insert(CLUSTER_SCORER, shape, self.values.clone());
     }
 
-    /// Of one cluster, 0 to 1; 0 where the layers give no number.
+    /// The score of one cluster, 0 to 1; 0 if the layers give NaN.
     pub fn score(&self, measures: &Measures) -> f32 {
         let score = 1.0 / (1.0 + (-self.logit(&features(measures))).exp());
         if score.is_nan() { 0.0 } else { score }
     }
 
-    /// What the last layer says of [`features`].
+    /// The output of the last layer for [`features`].
     pub fn logit(&self, features: &[f32; FEATURES]) -> f32 {
         let mut x = [0.0; WIDEST];
         x[..FEATURES].copy_from_slice(features);

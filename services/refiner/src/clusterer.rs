@@ -1,4 +1,4 @@
-//! A variant's way from a scan and its proposals to clusters and their boxes, and the way that clusters the scan once.
+//! How a variant gets from a scan and its proposals to clusters and their boxes; and the clusterer that clusters the scan once.
 
 use mluc_geometry::Box3;
 use mluc_ipc_types::{DETECTIONS_MAX, Disposition, Object, Point};
@@ -12,9 +12,9 @@ pub(crate) struct FrameTask<'a> {
     pub(crate) sequence: u64,
     pub(crate) scan: &'a [Point],
     pub(crate) frame: &'a FrameIndex,
-    /// Of each point whether a known object of a high score owns it, where a variant keeps them apart.
+    /// For each point, whether it belongs to a known object with a high score; for a variant that keeps such points apart.
     pub(crate) is_known: &'a [bool],
-    /// Those known objects: detection and box.
+    /// The known objects with a high score: detection and box.
     pub(crate) known: &'a [(usize, Box3)],
     /// Points of all proposals, by their ranges.
     pub(crate) points: &'a mut Vec<u32>,
@@ -23,18 +23,18 @@ pub(crate) struct FrameTask<'a> {
 
 /// Finds the cluster of each proposal, and its box. By default proposals keep their boxes.
 pub(crate) trait Clusterer: std::fmt::Debug + Send {
-    /// The ground of a frame, for a variant that has one.
+    /// Finds the ground of a frame, for a variant that has one.
     fn find_ground(&mut self, _frame: &FrameIndex) {}
 
-    /// Clusters near the candidates, for a variant that finds them all at once.
+    /// Finds the clusters near the candidates, for a variant that finds them together.
     fn find_clusters(&mut self, _task: &FrameTask, _proposals: &[Proposal]) {}
 
-    /// Whether there is a cluster that a proposal is about; without one the proposal gets the disposition that says why.
+    /// Whether there is a cluster that a proposal is about; if not, the proposal gets the disposition that gives the reason.
     fn match_cluster(&mut self, _task: &mut FrameTask, _proposal: &mut Proposal) -> bool {
         true
     }
 
-    /// Puts box, outline and points of that cluster into the proposal. Measurements of it, where the variant takes any.
+    /// Writes box, outline and points of the matched cluster into the proposal. Returns its measurements, if the variant takes any.
     fn lay_box(&mut self, _task: &mut FrameTask, _proposal: &mut Proposal) -> Option<Measures> {
         None
     }
@@ -46,20 +46,20 @@ pub(crate) struct NoClusterer;
 
 impl Clusterer for NoClusterer {}
 
-/// Ground and clusters of the scan once; each proposal is matched to one of them.
+/// Finds ground and clusters of the scan once; each proposal is matched to one of the clusters.
 #[derive(Debug)]
 pub(crate) struct ScanClusterer {
     finder: ClusterFinder,
     matcher: Matcher,
-    /// The cluster of the proposal in hand.
+    /// The cluster of the current proposal.
     matched: usize,
-    /// Clusters whose box was laid in this frame,
+    /// Clusters whose box was fitted in this frame.
     shaped: Vec<FrameCluster>,
-    /// and the place of each cluster among them.
+    /// The index in `shaped` of each cluster.
     place: Vec<Option<u32>>,
 }
 
-/// Clusters that memory is made for, five times those of a real scan of 120,000 points.
+/// Number of clusters for which memory is reserved: five times the clusters of a real scan of 120,000 points.
 const CLUSTERS: usize = 1024;
 
 impl ScanClusterer {
@@ -73,7 +73,7 @@ impl ScanClusterer {
         }
     }
 
-    /// The clusters that have points in or near these tiles.
+    /// Finds the clusters that have points in or near these tiles.
     fn cluster(&mut self, task: &FrameTask, tiles: impl Iterator<Item = usize>) {
         self.finder.cluster(task.frame, task.is_known, tiles);
         self.shaped.clear();
@@ -87,7 +87,7 @@ impl Clusterer for ScanClusterer {
         self.finder.find_ground(frame);
     }
 
-    /// Where a proposal looks for its cluster.
+    /// Finds the clusters in the tiles in which the candidates look for their cluster.
     fn find_clusters(&mut self, task: &FrameTask, proposals: &[Proposal]) {
         let candidates = proposals.iter().filter(|p| p.is_standing());
         let around = candidates.flat_map(|candidate| {
@@ -104,7 +104,7 @@ impl Clusterer for ScanClusterer {
             && reach_m > NEAR_M
             && (distance_m <= NEAR_M || (matched.is_some() && distance_m < reach_m))
         {
-            // All of the points that it is about are the known object's.
+            // All points that the proposal is about belong to the known object.
             proposal.suppress(Disposition::OverlapsKnown, by, 1.0);
             return false;
         }
@@ -115,7 +115,7 @@ impl Clusterer for ScanClusterer {
         matched.is_some()
     }
 
-    /// A cluster's box is laid once.
+    /// Fits each cluster's box at most once.
     fn lay_box(&mut self, task: &mut FrameTask, proposal: &mut Proposal) -> Option<Measures> {
         let place = *self.place[self.matched].get_or_insert_with(|| {
             let shaped = (self.finder).shape(task.scan, self.matched, task.points);
@@ -154,7 +154,7 @@ mod tests {
 
     use super::*;
 
-    /// Simulated scans that the programs bring along.
+    /// Simulated scans that are bundled with the programs.
     const SCANS: [&str; 4] = [
         "services/mluc/assets/000010.bin.zst",
         "services/mluc/assets/000380.bin.zst",
@@ -180,7 +180,7 @@ mod tests {
         (0..count).map(candidate).collect()
     }
 
-    /// Each proposal as it comes out, with its points and measurements.
+    /// Each refined proposal, with its points and measurements.
     fn refined(
         clusterer: &mut ScanClusterer,
         task: &mut FrameTask,
@@ -209,7 +209,7 @@ mod tests {
             let bytes = std::fs::read(root.join(name)).expect("a bundled scan");
             let scan = crate::testing::unpacked(&bytes);
             let frame = crate::testing::sorted(&scan);
-            // A corridor is a known object's.
+            // The points of a corridor belong to a known object.
             let is_known: Vec<bool> = scan.iter().map(|p| (5.0..6.0).contains(&p.y_m)).collect();
             let mut task = FrameTask {
                 sequence: 0,

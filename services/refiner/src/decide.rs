@@ -1,15 +1,15 @@
-//! What is unknown, what it is worth, and why: the one place that decides.
+//! Decides which objects are unknown, their scores, and the reasons: the only place that decides.
 //!
 //! 1. **Gate** (paper section 3.2, in the head): a detection is known or a candidate.
-//! 2. **Cluster**: a candidate without points is `too_few_points`; one on a known object's points is `overlaps_known`.
-//! 3. **Score**: of the proposal (how sure the network is that something is there and that it is none of the known),
-//!    times that of its cluster (how likely it is something that drives or walks). What is of no road user's size is
-//!    multiplied by 0.05 instead, and says so by a flag: it stays, behind all others.
-//! 4. **Disposition**: what the robot's owner allows it to drive over is `undersized`; then known objects and better
-//!    unknown ones suppress what they cover ([`crate::merge`]).
-//! 5. **Profile**: what is left, known or unknown, is `low_score` below the scores of the operating profile. Everything else
-//!    is published.
-//! 6. **Reading**: with P(unknown) a candidate that has a class is read twice, and one reading is published
+//! 2. **Cluster**: a candidate without points is `too_few_points`; a candidate on a known object's points is `overlaps_known`.
+//! 3. **Score**: the proposal's score (how sure the network is that an object is there and that it is none of the known
+//!    classes) times the cluster's score (how likely it drives or walks). If the size is no road user's, the second factor
+//!    is 0.05 instead, and a flag gives the reason: the object stays, behind all others.
+//! 4. **Disposition**: an object that the robot's owner allows it to drive over is `undersized`; then known objects and
+//!    better unknown objects suppress the objects that they cover ([`crate::merge`]).
+//! 5. **Profile**: a remaining object, known or unknown, is `low_score` if it is below the scores of the operating profile.
+//!    All others are published.
+//! 6. **Reading**: with P(unknown), a candidate that has a class has two readings, unknown and known; one is published
 //!    ([`crate::RefinerOutput::choose_readings`]).
 
 use mluc_geometry::Box3;
@@ -19,17 +19,17 @@ use mluc_model::ScoreMin;
 use crate::proposal::Proposal;
 use crate::{ClusterScorer, RefinerError, RobotSettings, Sensor, Settings, priors};
 
-/// Factor on the score of what is unlikely an object, and the least that a cluster's score may be.
+/// Factor on the score of an unlikely object, and the minimum of a cluster's score.
 const UNLIKELY: f32 = 0.05;
-/// A sure object that may be unknown is mostly a known one: the probability counts more than the objectness. Of 1, 2, 3, 5 and 9 the best
-/// on the validation scans of all three families.
+/// Exponent of P(unknown). A sure object that may be unknown is mostly a known one, so the probability counts more than the objectness.
+/// The best of 1, 2, 3, 5 and 9 on the validation scans of all three families.
 const UNKNOWN_POWER: i32 = 3;
 
-/// Scores unknown objects and says which sizes count.
+/// Scores unknown objects and decides which sizes count.
 #[derive(Debug)]
 pub(crate) struct UnknownScorer {
     is_ours: bool,
-    /// Whether detections tell a probability of being none of the known.
+    /// Whether detections have a probability of being none of the known classes.
     tells_unknown: bool,
     cluster: Option<ClusterScorer>,
     ranks_sizes: bool,
@@ -37,7 +37,7 @@ pub(crate) struct UnknownScorer {
 }
 
 impl UnknownScorer {
-    /// With layers that score clusters, which the settings may leave aside.
+    /// `cluster`: layers that score clusters. The settings may disable them; it is an error if the settings require them and there are none.
     pub(crate) fn new(
         settings: &Settings,
         sensor: &Sensor,
@@ -60,9 +60,9 @@ impl UnknownScorer {
         })
     }
 
-    /// Of a candidate before its cluster is known. Finite; 0 where the detection's numbers make no sense.
+    /// The score of a candidate before its cluster is known. Finite; 0 if the detection's numbers are invalid.
     pub(crate) fn score_candidate(&self, detection: &Detection) -> f32 {
-        /// Far above anything that a model gives.
+        /// Far above every score that a model gives.
         const SCORE_MAX: f32 = 1e6;
         let score = if self.is_ours && self.tells_unknown {
             // Objectness x P(none of the known)^3.
@@ -79,7 +79,7 @@ impl UnknownScorer {
         if score.is_finite() { score } else { 0.0 }
     }
 
-    /// Whether a candidate may be known after all: P(unknown) says so, the paper's gate does not.
+    /// Whether a candidate has a known reading too: P(unknown) says that it may be known, the paper's gate does not.
     pub(crate) fn reads_twice(&self) -> bool {
         self.is_ours && self.tells_unknown
     }
@@ -101,17 +101,17 @@ impl UnknownScorer {
         };
     }
 
-    /// What the robot's owner allows it to drive over is not published.
+    /// An object that the robot's owner allows it to drive over is not published.
     pub(crate) fn decide(&self, proposal: &mut Proposal) {
         let [length, width, seen_m] = proposal.shape.size_m;
-        // Its top may lie as high above as beams leave unseen.
+        // Its top may be higher by the gap between two beams.
         let height = seen_m + proposal.measures.map_or(0.0, |m| m.beam_gap_m.into());
         if height < self.robot.height_min_m || length.min(width) < self.robot.width_min_m {
             proposal.disposition = Disposition::Undersized;
         }
     }
 
-    /// A candidate that nobody refined, where clusters are scored: its box says nothing of a size, and it comes behind all that was looked at.
+    /// Lowers the score of an unrefined candidate, if clusters are scored: its box gives no size, so it comes behind all refined candidates.
     pub(crate) fn score_unrefined(&self, proposal: &mut Proposal) {
         if self.reads_clusters() {
             proposal.score *= UNLIKELY;
@@ -119,7 +119,7 @@ impl UnknownScorer {
     }
 }
 
-/// What would be published is `low_score` below the profile's scores. What an unknown one has suppressed, which scores less, stays suppressed.
+/// Marks objects below the profile's scores as `low_score`. Objects suppressed by an unknown object stay suppressed: their scores are lower.
 pub(crate) fn leave_out_low_scores(proposals: &mut [Proposal], score_min: ScoreMin) {
     for proposal in proposals {
         let least = match proposal.kind {
@@ -132,7 +132,7 @@ pub(crate) fn leave_out_low_scores(proposals: &mut [Proposal], score_min: ScoreM
     }
 }
 
-/// The flag that says why a box is not of a road user's size, if it is not. Its top may lie `unseen_m` higher than it was seen.
+/// The flag that gives the reason why a box does not have a road user's size; else `None`. Its top may be `unseen_m` higher than seen.
 fn size_reason(shape: &Box3, unseen_m: f64) -> Option<u32> {
     let [length, width, height] = shape.size_m;
     let whole_m = [length, width, height + unseen_m];
@@ -144,7 +144,7 @@ fn size_reason(shape: &Box3, unseen_m: f64) -> Option<u32> {
     } else if whole.any(|(size, [least, _])| *size < least) {
         Some(Object::SMALL)
     } else if length.max(width) < post_side_m && height > post_height_m {
-        // Too high for the ground it stands on: a post, a sign, a trunk.
+        // Too high for its length and width: a post, a sign, a trunk.
         Some(Object::POST)
     } else {
         None
@@ -168,7 +168,7 @@ mod tests {
             ([0.6, 0.7, 1.95], 0.0, 0),
             ([1.3, 0.6, 2.1], 0.0, 0),
             ([0.5, 1.25, 2.2], 0.0, 0),
-            // A car's lower part between beams that are close, and far apart. A gap makes nothing too high.
+            // A car's lower part between beams that are close, and far apart. A gap never makes an object too high.
             ([1.3, 0.6, 0.6], 0.0, Object::SMALL),
             ([1.3, 0.6, 0.6], 0.9, 0),
             ([6.0, 2.5, 4.0], 0.9, 0),

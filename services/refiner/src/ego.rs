@@ -1,8 +1,8 @@
-//! The sensor's own motion where the source does not tell it: each scan is laid over an earlier one, seen from above.
+//! The sensor's own motion, if the source does not give it: each scan is matched to an earlier one, seen from above.
 //!
-//! What stands upright (walls, trunks, parked cars) stands at the same place in both. A scan becomes a mean and a covariance for each tile of 1 m in which
-//! something stands, and the motion is the one at which these lie best on those of the earlier scan (normal distributions transform, Biber and Strasser, IROS
-//! 2003; distributions on distributions as Stoyanov et al., IJRR 2012). Few things move, so they hardly count. Height, roll and pitch play no part.
+//! Upright things (walls, trunks, parked cars) stand at the same place in both scans. Each tile of 1 m with upright points becomes a mean and a
+//! covariance. The motion is the one that matches them best with the earlier scan (normal distributions transform, Biber and Strasser, IROS 2003;
+//! distributions with distributions as Stoyanov et al., IJRR 2012). Few things move, so they hardly count. Height, roll and pitch are not used.
 
 use mluc_geometry::ground::tiles::{NO_TILE, TILES, tile_of, tile_rows};
 use mluc_ipc_types::{EgoPose, FrameHeader};
@@ -11,41 +11,41 @@ use smart_default::SmartDefault;
 
 use crate::FrameIndex;
 
-/// Points of a tile that count, m above its lowest: neither ground nor ceiling; and how much their heights differ at one place (standard deviation) if they stand.
+/// Used heights above a tile's lowest point, m: neither ground nor ceiling; minimum standard deviation, m, of upright points' heights at one place.
 const HEIGHTS_M: [f32; 2] = [0.25, 2.5];
 const STANDS_MIN_M: f64 = 0.15;
-/// How far and how near is looked, m: nearer there may be the own body, which moves along.
+/// Minimum and maximum range of used points, m: the robot's own body, which moves along, may be nearer.
 const RANGE_M: [f64; 2] = [3.0, 50.0];
-/// By how much places may differ, m, in each step of a match.
+/// Allowed difference between places (standard deviation), m, in each step of a match.
 const SPREADS_M: [f64; 10] = [1.0, 0.8, 0.6, 0.45, 0.35, 0.25, 0.2, 0.15, 0.1, 0.1];
-/// Standard deviations of the motion from the last one, x, y (m) and yaw (rad): they count where the scans leave it open.
+/// Standard deviations of the change of motion, x, y (m) and yaw (rad): they count if the scans do not determine the motion.
 const CHANGE: [f64; 3] = [0.5, 0.5, 0.1];
-/// Speeds that are tried while none is known, m a scan ahead; a higher one must agree better by so much.
+/// Speeds that are tried while none is known, m per scan ahead; a higher speed must improve the agreement by `BETTER_BY`.
 const FIRST_STEPS_M: [f64; 4] = [0.0, 1.0, 2.0, 3.0];
 const BETTER_BY: f64 = 0.05;
-/// Less agreement than this (the mean weight of the tiles, 0 to 1) is no match.
+/// Minimum agreement (mean weight of the tiles, 0 to 1) of a match.
 const AGREEMENT_MIN: f64 = 0.3;
-/// The earlier scan is replaced once the sensor is further from it than this, m, rad, or after so many scans: parked cars leave.
+/// The earlier scan is replaced when the sensor is farther from it than this, m, rad, or after `KEPT_SCANS` scans: parked cars leave.
 const KEPT_WITHIN: [f64; 2] = [2.0, 0.15];
 const KEPT_SCANS: u64 = 20;
-/// More scans missing than this are no gap: it begins anew.
+/// Maximum gap, in scans; after a longer one the estimate begins anew.
 const GAP_MAX: u64 = 10;
-/// So many scans in a row without the source's pose are bridged by its last motion, where it told the ones before.
+/// Maximum number of scans in a row without the source's pose that its last motion bridges, if it gave the poses before.
 const UNTOLD_MAX: u64 = 2;
-/// [`EgoPose::is_known`] of what the source told and of what was estimated: their frames of reference differ.
+/// [`EgoPose::is_known`] of a pose from the source and of an estimated pose: their frames of reference differ.
 const TOLD: u32 = 1;
 const ESTIMATED: u32 = 2;
-/// Tiles of a scan that are laid over the other, at most, which bounds the work.
+/// Maximum number of a scan's tiles that are matched, which bounds the work.
 const TILES_MAX: usize = 2000;
 
-/// What stands in a tile.
+/// The upright points of a tile.
 #[derive(Clone, Copy, Debug)]
 struct Upright {
     mean_m: Vector2<f64>,
     covariance: Matrix2<f64>,
 }
 
-/// Where a scan was taken.
+/// The pose at which a scan was taken.
 #[derive(Clone, Copy, Debug)]
 struct Taken {
     run: u64,
@@ -53,10 +53,10 @@ struct Taken {
     pose: Isometry2<f64>,
 }
 
-/// Estimates the sensor's pose scan after scan; buffers are made once.
+/// Estimates the sensor's pose for each scan; buffers are allocated once.
 #[derive(Debug, SmartDefault)]
 pub struct EgoEstimator {
-    /// Of the scan in hand and of the earlier one, with the place of each tile there. Within [`RANGE_M`] lie less than a quarter of all tiles.
+    /// Tiles of the current scan and of the earlier one, and each tile's index there. Less than a quarter of all tiles lie within [`RANGE_M`].
     #[default(Vec::with_capacity(TILES / 4))]
     now: Vec<Upright>,
     #[default(Vec::with_capacity(TILES / 4))]
@@ -65,18 +65,18 @@ pub struct EgoEstimator {
     place: Vec<u32>,
     earlier_taken: Option<Taken>,
     last: Option<Taken>,
-    /// The source told it, or so many scans before it.
+    /// Whether the source gives the poses, and the number of scans since it last gave one.
     is_told: bool,
     untold: u64,
-    /// Of one scan, from the last match, or the source's last poses.
+    /// The motion per scan, from the last match or from the source's last poses.
     step: Option<Isometry2<f64>>,
-    /// The last scan did not match.
+    /// Whether the last scan did not match.
     has_missed: bool,
 }
 
 impl EgoEstimator {
-    /// Where the sensor is: as the source tells it, or in a frame that stands still while scans match; later scans are laid over the second in a row that does not. Of a frame without its scan, and of one
-    /// that does not match after one that did, the motion is taken to go on. None for the first scan, and for the second in a row that does not match.
+    /// The sensor's pose: the source's, or one in a frame that is fixed while scans match. For a frame without its scan, and for a first mismatch,
+    /// the last motion continues. `None` for the first scan, and for a second mismatch in a row: later scans are then matched to that scan.
     pub fn estimate(&mut self, header: &FrameHeader, scan: Option<&FrameIndex>) -> Option<EgoPose> {
         let (run, sequence) = (header.run_id, header.sequence);
         let known = self.last.filter(|last| last.run == run);
@@ -112,7 +112,7 @@ impl EgoEstimator {
             return self.estimate(header, scan);
         }
         let (Some(scan), false) = (scan, gap == Some(0)) else {
-            // Gone, or sent again.
+            // The scan is gone, or the frame was sent again.
             return gap
                 .and(self.step)
                 .map(|step| told(&after(&step), ESTIMATED));
@@ -143,7 +143,7 @@ impl EgoEstimator {
         None
     }
 
-    /// The pose of the scan in hand, from where the last step, or one of the first ones, leads to.
+    /// The pose of the current scan; the match starts where the last step, or each of the first steps, leads to.
     fn matched(
         &self,
         earlier: &Taken,
@@ -161,7 +161,7 @@ impl EgoEstimator {
         best.1
     }
 
-    /// Later scans are laid over the one in hand.
+    /// Later scans are matched to the current one.
     fn begin(&mut self, taken: Taken) {
         std::mem::swap(&mut self.now, &mut self.earlier);
         self.place.fill(NO_TILE);
@@ -171,7 +171,7 @@ impl EgoEstimator {
         (self.earlier_taken, self.last) = (Some(taken), Some(taken));
     }
 
-    /// Agreement and motion from the earlier scan to the one in hand, from a guess on.
+    /// Agreement and motion from the earlier scan to the current one, starting at a guess.
     fn lay(&self, guess: Isometry2<f64>) -> (f64, Isometry2<f64>) {
         let [x, y, yaw] = CHANGE.map(|sd| sd.powi(-2));
         let prior = Matrix3::from_diagonal(&Vector3::new(x, y, yaw));
@@ -209,7 +209,7 @@ impl EgoEstimator {
         (agreement, Isometry2::new(at.xy(), at.z))
     }
 
-    /// The earlier scan's upright thing nearest to a place, in its tile or one beside it.
+    /// The earlier scan's upright tile that is nearest to a place: this tile or a neighbouring one.
     fn nearest(&self, place: Vector2<f64>) -> Option<&Upright> {
         let tiles = tile_rows([place.x, place.y], 1.0).flatten();
         let there = tiles.filter_map(|tile| self.earlier.get(self.place[tile] as usize));
@@ -218,7 +218,7 @@ impl EgoEstimator {
     }
 }
 
-/// What stands in each tile: points whose heights do not follow from their places, as they do on slopes and roofs, less than 2.5 m above the lowest.
+/// Finds the upright tiles: heights less than 2.5 m above the lowest that do not follow from the points' places, as they do on slopes and roofs.
 fn find_upright(scan: &FrameIndex, found: &mut Vec<Upright>) {
     found.clear();
     let [near_m, far_m] = RANGE_M;
@@ -249,7 +249,7 @@ fn find_upright(scan: &FrameIndex, found: &mut Vec<Upright>) {
     }
 }
 
-/// x, y, yaw.
+/// The motion as x, y, yaw.
 fn vector(motion: &Isometry2<f64>) -> Vector3<f64> {
     motion.translation.vector.push(motion.rotation.angle())
 }
@@ -258,7 +258,7 @@ fn tile(place: Vector2<f64>) -> usize {
     tile_of([place.x as f32, place.y as f32, 0.0]) as usize
 }
 
-/// One of so many equal steps.
+/// One of `steps` equal steps between two poses.
 fn part(from: &Isometry2<f64>, to: &Isometry2<f64>, steps: u64) -> Isometry2<f64> {
     Isometry2::identity().lerp_slerp(&(from.inverse() * to), 1.0 / steps as f64)
 }
@@ -275,7 +275,7 @@ mod tests {
     use super::*;
     use crate::testing::{sorted, unpacked};
 
-    /// A simulated scan that the program brings along, seen from a pose.
+    /// A simulated scan that is bundled with the program, seen from a pose.
     fn seen_from(pose: &Isometry2<f64>) -> FrameIndex {
         let mut scan = unpacked(include_bytes!("../../mluc/assets/000380.bin.zst"));
         for Point { x_m, y_m, .. } in &mut scan {

@@ -1,6 +1,6 @@
 //! One pass over the scan: its points, sorted into tiles of 1 m seen from above.
 //!
-//! A counting sort that is linear in the points. Points that are not finite are left out and counted; those further than 128 m along x or y are left out.
+//! A counting sort, linear in the points. Points that are not finite are left out and counted; points farther than 128 m along x or y are left out.
 
 use mluc_geometry::ground::tiles::{NO_TILE, TILES, tile_of, tile_rows};
 use mluc_geometry::ground::{GROUND_HALF_M, lower_point};
@@ -10,7 +10,7 @@ use smart_default::SmartDefault;
 
 use crate::fit::lower;
 
-/// A point with its place in the scan.
+/// A point with its index in the scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C, align(16))] // Copied as a whole.
 pub struct IndexedPoint {
@@ -26,7 +26,7 @@ pub struct FrameIndex {
     /// First slot of each tile, and one past the last.
     #[default(vec![0; TILES + 1])]
     tile_first: Vec<u32>,
-    /// Of each point of the scan.
+    /// The tile of each point of the scan.
     #[default(Vec::with_capacity(POINTS_MAX))]
     tiles: Vec<u32>,
     #[default(Vec::with_capacity(POINTS_MAX))]
@@ -65,7 +65,7 @@ impl FrameIndex {
         }
     }
 
-    /// From the last point on: `tile_first` holds the end of each tile before, and its first slot after.
+    /// Fills the slots from the last point on. `tile_first` has the end of each tile before, and its first slot afterwards.
     fn fill_slots(&mut self, scan: &[Point]) {
         // Every slot is overwritten.
         let count = self.tile_first[TILES] as usize;
@@ -92,12 +92,12 @@ impl FrameIndex {
         &self.slots[self.tile_first[tile] as usize..self.tile_first[tile + 1] as usize]
     }
 
-    /// The lowest point of every tile, as far as the ground is looked for.
+    /// The lowest point of every tile in the area of the ground grid.
     pub(crate) fn lowest(&self) -> impl Iterator<Item = [f32; 3]> {
         let tiles = tile_rows([0.0; 2], GROUND_HALF_M.into()).flatten();
         tiles.filter_map(|tile| {
             let points = self.points_in(tile).iter().map(|point| point.at_m);
-            // First the height alone: comparing whole points costs three times as much.
+            // The height alone is compared first: comparing whole points costs three times as much.
             let z = points.clone().map(|[_, _, z]| z).fold(f32::INFINITY, lower);
             points.filter(|point| point[2] == z).reduce(lower_point)
         })
@@ -109,7 +109,7 @@ impl FrameIndex {
         ends.filter_map(|(tile, ends)| (ends[0] < ends[1]).then_some(tile))
     }
 
-    /// The points of the tiles that a square touches, row by row; at least all points inside it.
+    /// The points of the tiles that a square (centre and half side, m) touches, row by row: at least all points inside it.
     pub fn rows_around(
         &self,
         center_m: [f64; 2],

@@ -1,12 +1,12 @@
 //! The refiner: from the head's candidates to unknown objects (paper section 3.3, unsupervised clustering).
 //!
-//! A candidate is a box whose class the network does not know, of a wrong class's size and up to a metre off. The refiner
-//! finds ground and clusters of the scan, matches each candidate to a cluster, lays a box around it, scores it, and decides
-//! which unknown objects stay beside each other and beside the known ones. Every candidate's disposition is given.
+//! A candidate is a box whose class the network does not know; it has a wrong class's size and is up to a metre off. The
+//! refiner finds ground and clusters of the scan, matches each candidate to a cluster, fits a box around it, scores it, and
+//! decides which overlapping unknown and known objects are kept. Every candidate gets a disposition.
 //!
-//! [`Refiner`] is the stage; `decide.rs` says what is unknown and why. [`clusters`] finds the clusters of a scan, [`paper`] holds the paper's variants, which
-//! grow a cluster for each candidate, [`fit`] the ways to lay a box. Nothing here reads a clock, a file or the environment; work is bounded by counting points,
-//! so that the same input gives the same output on any machine.
+//! [`Refiner`] is the stage; `decide.rs` decides what is unknown and why. [`clusters`] finds the clusters of a scan. [`paper`] contains the paper's
+//! variants, which grow a cluster for each candidate. [`fit`] contains the ways to fit a box. Nothing here reads a clock, a file or the environment;
+//! counting points bounds the work, so that the same input gives the same output on any machine.
 //!
 //! Lengths in m, angles in rad, sensor frame: x forward, y left, z up.
 

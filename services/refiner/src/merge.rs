@@ -1,24 +1,24 @@
-//! Which unknown boxes stay (paper algorithm 1's last line, and what it leaves open).
+//! Decides which unknown boxes are kept (the last line of the paper's algorithm 1, and what it leaves open).
 
 use mluc_geometry::{Box3, Inside, intersection_over_min_area, iou_bev};
 use mluc_ipc_types::{Disposition, Point};
 
 use crate::{Variant, proposal::Proposal};
 
-/// Intersection over the smaller area above which the weaker unknown goes.
+/// Intersection over the smaller area above which the weaker unknown object is suppressed.
 const OVERLAP_MAX: f64 = 0.5;
 /// Only known objects with at least this score suppress.
 pub(crate) const KNOWN_SCORE_MIN: f32 = 0.5;
-/// Points this far outside of such a box still count as its own, m: the noise of box and points.
+/// Points at most this far outside the box of such an object still belong to it, m: the noise of box and points.
 pub(crate) const KNOWN_MARGIN_M: f64 = 0.1;
-/// An unknown goes when more than this share of its points lies in one such known box,
+/// An unknown object is suppressed when more than this share of its points lies in one such known box.
 const KNOWN_POINTS_SHARE: f64 = 0.5;
-/// or when their bird's-eye IoU is above this.
+/// It is also suppressed when the bird's-eye IoU of the two boxes is above this.
 const KNOWN_IOU: f64 = 0.3;
-/// The paper's variant: rotated bird's-eye overlap above which the smaller box goes. The paper names neither measure nor threshold.
+/// The paper's variant: rotated bird's-eye overlap above which the smaller box is suppressed. The paper names neither measure nor threshold.
 const PAPER_NMS_IOU: f64 = 0.01;
 
-/// Suppresses unknowns that overlap, as the variant has it; `points` are the points of each proposal by its range. `order` is a buffer.
+/// Suppresses overlapping unknown objects by the variant's rules. `points`: the points of the proposals by their ranges. `order`: a buffer.
 pub(crate) fn merge(
     proposals: &mut [Proposal],
     points: &[u32],
@@ -30,7 +30,7 @@ pub(crate) fn merge(
         clash_with_known(proposals, points, scan);
     }
     match variant {
-        // Larger boxes first, known objects play no part: as printed.
+        // As printed: larger boxes first, and known objects do not suppress.
         Variant::Paper => {
             best_first(order, proposals, |d| d.shape.volume_m3());
             suppress(proposals, order, iou_bev, PAPER_NMS_IOU);
@@ -44,7 +44,7 @@ pub(crate) fn merge(
     }
 }
 
-/// The unknown objects that stand, best first; ties by place, so that the order of the detections does not matter.
+/// The unknown objects that are not suppressed, best first; place and size decide ties, so the order of the detections does not matter.
 pub(crate) fn best_first(
     order: &mut Vec<usize>,
     proposals: &[Proposal],
@@ -62,7 +62,7 @@ pub(crate) fn best_first(
     });
 }
 
-/// Greedy: a box goes when one that stays covers it by more than a limit.
+/// Greedy: a box is suppressed when a kept box covers it by more than a limit.
 fn suppress(
     proposals: &mut [Proposal],
     order: &[usize],
@@ -82,8 +82,8 @@ fn suppress(
     }
 }
 
-/// An unknown goes when most of its points lie in a sure known box, or when their boxes overlap; of several such known
-/// objects the one that covers most of it says so.
+/// Suppresses an unknown object when most of its points lie in a sure known box, or when their boxes overlap. Of several
+/// such known objects, the one that covers most of it is recorded.
 fn clash_with_known(proposals: &mut [Proposal], points: &[u32], scan: &[Point]) {
     for index in 0..proposals.len() {
         if !proposals[index].is_standing() {
@@ -101,9 +101,9 @@ fn clash_with_known(proposals: &mut [Proposal], points: &[u32], scan: &[Point]) 
     }
 }
 
-/// By how much a known object covers an unknown one; `None` when that is too little to matter.
+/// The share by which a known object covers an unknown one; `None` when it is too small to matter.
 fn clash(unknown: &Proposal, known: &Proposal, own: &[u32], scan: &[Point]) -> Option<f64> {
-    // Points of the cluster lie in its tight box, which growing to the unseen side moves by less than its size.
+    // The cluster's points lie in its tight box; completing the unseen side moves the box by less than its size.
     let reach_m = 2.0 * unknown.shape.half_diagonal_m() + known.shape.half_diagonal_m();
     let [x, y] = [0, 1].map(|axis| unknown.shape.center_m[axis] - known.shape.center_m[axis]);
     if x.hypot(y) > reach_m {

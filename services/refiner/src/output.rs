@@ -1,4 +1,4 @@
-//! What a frame gives.
+//! The output of a frame.
 
 use crate::clusters::Measures;
 use mluc_ipc_types::{Disposition, Flags, OBJECT_POINTS_MAX, OBJECTS_MAX, Object};
@@ -7,11 +7,11 @@ use smart_default::SmartDefault;
 /// Counts of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Candidates whose turn came after the frame's work or time was used up, or whose points are gone: kept with their proposal box.
+    /// Candidates that were not refined, because the frame's work or time was used up or the points are gone: they keep their proposal box.
     pub unrefined: u32,
     /// Candidates whose neighbourhood was thinned.
     pub thinned: u32,
-    /// Detections with a size, place, class or kind that makes no sense.
+    /// Detections with an invalid size, place, class or kind.
     pub invalid_detections: u32,
     /// Detections beyond the contract's limit.
     pub detections_dropped: u32,
@@ -19,12 +19,12 @@ pub struct Counters {
     pub points_not_finite: u32,
     /// Entries of `object_points` that did not fit.
     pub object_points_dropped: u32,
-    /// The work that was counted for all candidates: points looked at, as often as they were.
+    /// The counted work of all candidates: each read of a point counts.
     pub work: u64,
 }
 
 impl Counters {
-    /// What the frame deserves: limits that were reached, input that was not usable.
+    /// The flags of the frame: limits that were reached, input that was not usable.
     pub fn flags(&self) -> Flags {
         let flags = [
             (self.points_not_finite, Flags::NOT_FINITE),
@@ -41,25 +41,25 @@ impl Counters {
 /// The objects of one frame; buffers are reused from frame to frame.
 #[derive(Debug, SmartDefault)]
 pub struct RefinerOutput {
-    /// One for each detection, in their order, then the second readings.
+    /// One for each detection, in the order of the detections, then the second readings.
     #[default(Vec::with_capacity(OBJECTS_MAX))]
     pub objects: Vec<Object>,
-    /// Of each second reading, in their order, the index of its first; empty where both are published.
+    /// For each second reading, in order, the index of its first reading; empty if both are published.
     #[default(Vec::with_capacity(OBJECTS_MAX))]
     pub second_of: Vec<usize>,
-    /// Of the cluster of each object, where it has one that was measured.
+    /// Measurements of each object's cluster, if it has a measured one.
     #[default(Vec::with_capacity(OBJECTS_MAX))]
     pub measures: Vec<Option<Measures>>,
     /// Indices into the scan; each object has a range of them.
     #[default(Vec::with_capacity(OBJECT_POINTS_MAX))]
     pub object_points: Vec<u32>,
-    /// Counts.
+    /// Counts of the frame.
     pub counters: Counters,
 }
 
 impl RefinerOutput {
-    /// Leaves one of the two readings of a box: the known one where the unknown object has a low score, no cluster or a track that does not confirm it, or one like
-    /// that covers it. For the end, when tracks are known.
+    /// Keeps one of the two readings of a box: the known one if the unknown object has a low score, no cluster or an unconfirmed track, or if such an
+    /// object covers it. To be called last, when tracks are known.
     pub fn choose_readings(&mut self) {
         use Disposition::{LowScore, OverlapsUnknown, TooFewPoints, Unconfirmed};
         let seconds = self.objects.len() - self.second_of.len()..;

@@ -1,11 +1,11 @@
-//! What the head proposes, and what becomes of it: one for each detection, in the detections' order, then the second readings.
+//! The head's proposals and what becomes of them: one for each detection, in the detections' order, then the second readings.
 
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, Disposition, GateKind, NO_PROBABILITY, Object, ObjectKind};
 
 use crate::{clusters::Measures, fit::Footprint, merge::KNOWN_SCORE_MIN};
 
-/// What is known of one object before it is written out.
+/// The state of one object before it is written out.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Proposal {
     pub(crate) detection: usize,
@@ -13,7 +13,7 @@ pub(crate) struct Proposal {
     pub(crate) disposition: Disposition,
     /// Detection of the object that suppressed this one.
     pub(crate) suppressed_by: Option<usize>,
-    /// By how much, 0 to 1.
+    /// The share of this object that the other one covers, 0 to 1.
     pub(crate) overlap: f32,
     /// Bits of [`Object::flags`].
     pub(crate) flags: u32,
@@ -22,29 +22,29 @@ pub(crate) struct Proposal {
     /// Range in the list of points.
     pub(crate) points: (usize, usize),
     pub(crate) footprint: Footprint,
-    /// Of its cluster, where the variant takes any.
+    /// Measurements of its cluster, if the variant takes any.
     pub(crate) measures: Option<Measures>,
-    /// Whether it is what a candidate is if it is known after all: its second reading.
+    /// Whether it is the second reading of a candidate: the candidate as a known object.
     pub(crate) is_doubted: bool,
-    /// Known, below the score of the profile.
+    /// Whether a known object is below the score of the profile.
     pub(crate) is_low: bool,
 }
 
-/// What is this near to a proposal's centre comes first, m.
+/// Clusters and points this near to a proposal's centre come first, m.
 pub(crate) const NEAR_M: f64 = 1.5;
 /// A box without a point is enlarged by this factor.
 pub(crate) const ENLARGED: f64 = 1.2;
 
-/// How far from a proposal's centre its cluster is looked for, m: its enlarged corners, but no less than 4 m, as a proposal may lie a metre off and of a long
-/// object often only the far end is seen, and no more than 10 m, as boxes may be larger than any object.
+/// Radius around a proposal's centre in which its cluster is searched, m: to its enlarged corners, but at least 4 m, because a proposal may be a
+/// metre off and often only the far end of a long object is seen; at most 10 m, because boxes may be larger than any object.
 pub(crate) fn reach_m(shape: &Box3) -> f64 {
     (shape.half_diagonal_m() * ENLARGED).clamp(4.0, 10.0)
 }
 
-/// Coordinates and sizes beyond this are nonsense, m.
+/// Coordinates and sizes beyond this are invalid, m.
 const FAR_M: f32 = 1e4;
 
-/// The detection's box, if it is one.
+/// The detection's box; `None` if it is invalid.
 pub(crate) fn valid_box(detection: &Detection, classes: usize) -> Option<Box3> {
     let is_near = |v: &f32| v.abs() <= FAR_M;
     let is_sound = detection.check(0, classes).is_ok()
@@ -55,7 +55,7 @@ pub(crate) fn valid_box(detection: &Detection, classes: usize) -> Option<Box3> {
 }
 
 impl Proposal {
-    /// With the detection's own box.
+    /// The proposal of a detection, with the detection's own box.
     pub(crate) fn of_detection(
         index: usize,
         detection: &Detection,
@@ -94,7 +94,7 @@ impl Proposal {
         }
     }
 
-    /// For a detection that is none: no size, in the sensor's place.
+    /// The proposal of an invalid detection: without size, at the sensor.
     pub(crate) fn invalid(index: usize, detection: &Detection) -> Proposal {
         let nowhere = Box3::new([0.0; 7]);
         Proposal {
@@ -104,29 +104,29 @@ impl Proposal {
         }
     }
 
-    /// Covered by the object of another detection, by a share of 0 to 1.
+    /// Marks it as covered by the object of another detection, by a share of 0 to 1.
     pub(crate) fn suppress(&mut self, disposition: Disposition, by: usize, overlap: f64) {
         self.disposition = disposition;
         self.suppressed_by = Some(by);
         self.overlap = overlap.clamp(0.0, 1.0) as f32;
     }
 
-    /// Known, with a box that makes sense.
+    /// Whether it is known, with a valid box.
     pub(crate) fn is_known(&self) -> bool {
         self.kind == ObjectKind::Known && self.disposition == Disposition::Published
     }
 
-    /// Known for sure, and to be published: what lies in it is its own.
+    /// Whether it is known for sure, and to be published: points in its box belong to it.
     pub(crate) fn is_sure(&self) -> bool {
         self.is_known() && !self.is_doubted && !self.is_low && self.score >= KNOWN_SCORE_MIN
     }
 
-    /// Unknown, and nothing has suppressed it yet.
+    /// Whether it is unknown and not suppressed.
     pub(crate) fn is_standing(&self) -> bool {
         self.kind == ObjectKind::Unknown && self.disposition == Disposition::Published
     }
 
-    /// The object as the contract has it, without points.
+    /// The object in the contract's form, without points.
     pub(crate) fn object(&self, detection: &Detection, classes: usize) -> Object {
         let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
         let probability = Some(detection.unknown_probability);

@@ -15,11 +15,11 @@ use crate::proposal::{Proposal, valid_box};
 use crate::{ClusterScorer, RefinerError, Sensor, Settings, Variant};
 use crate::{frame::FrameIndex, paper::PaperClusterer};
 
-/// Work that all candidates of a frame may cost in the paper's variants: points looked at, as often as they are. Counted and
-/// not timed, so that equal input gives equal output. Where the scan is clustered once, work is bounded by its points.
+/// Maximum work of all candidates of a frame in the paper's variants: reads of points. It is counted and not timed, so that
+/// equal input gives equal output. In the variant that clusters the scan once, the number of points bounds the work.
 pub const WORK_MAX: u64 = 2_500_000;
 
-/// Refines frame after frame; all buffers are made once.
+/// Refines the candidates of each frame; all buffers are allocated once.
 #[derive(Debug)]
 pub struct Refiner {
     settings: Settings,
@@ -27,28 +27,28 @@ pub struct Refiner {
     frame: FrameIndex,
     clusterer: Box<dyn Clusterer>,
     scorer: UnknownScorer,
-    /// What scores are worth, where the model says it.
+    /// The probabilities that belong to scores, if the model has them.
     probabilities: Option<Probabilities>,
     proposals: Vec<Proposal>,
     /// Points of all proposals, by their ranges.
     points: Vec<u32>,
     counters: Counters,
-    /// Known objects of a high score, and whether one owns a point of the scan.
+    /// Known objects with a high score, and for each point of the scan whether it belongs to one of them.
     known: Vec<(usize, Box3)>,
     is_known: Vec<bool>,
     order: Vec<usize>,
 }
 
 impl Refiner {
-    /// Without what a model has learned of clusters. Refuses settings that make no sense.
+    /// A refiner without a cluster scorer. Returns an error for invalid settings.
     pub fn new(settings: Settings, sensor: &Sensor) -> Result<Refiner, RefinerError> {
         Refiner::with_scorer(settings, sensor, None)
     }
 
-    /// For a model: its sensor, its scorer of clusters and its probabilities where it has them.
+    /// A refiner for a model: with its sensor, and with its cluster scorer and probabilities if it has them.
     pub fn for_model(settings: Settings, model: &Model) -> Result<Refiner, RefinerError> {
         let sensor = Sensor::from_manifest(&model.manifest);
-        // They are of the default variant's scores.
+        // The probabilities belong to the default variant's scores.
         let told = model.manifest.thresholds.probabilities.clone();
         let probabilities = told.filter(|_| settings.variant == Variant::default());
         let scorer = ClusterScorer::of_model(&model.weights);
@@ -58,7 +58,7 @@ impl Refiner {
         })
     }
 
-    /// With layers that score clusters, which the settings may leave aside. Refuses settings and beams that make no sense.
+    /// A refiner with layers that score clusters; the settings may disable them. Returns an error for invalid settings and beams.
     pub fn with_scorer(
         settings: Settings,
         sensor: &Sensor,
@@ -90,16 +90,16 @@ impl Refiner {
         })
     }
 
-    /// What is published from the next frame on.
+    /// Sets the minimum scores of published objects, from the next frame on.
     pub fn set_score_min(&mut self, score_min: ScoreMin) {
         self.settings.score_min = score_min;
     }
 
-    /// One frame: an object for each detection, in their order, with its disposition, then the second readings of candidates: the
-    /// same boxes as objects of their classes, where the model tells P(unknown) and [`OBJECTS_MAX`] leaves room.
+    /// Refines one frame: an object for each detection, in order, with its disposition, then the second readings of candidates:
+    /// the same boxes as objects of their classes, if the model gives P(unknown) and [`OBJECTS_MAX`] leaves room.
     ///
-    /// `sequence` keys the random choices of the variant `paper`. Points that are not finite are left out and counted; those
-    /// farther than 128 m are left out. The result depends on the arguments and settings alone.
+    /// `sequence` is the key of the random choices of the variant `paper`. Points that are not finite are left out and counted;
+    /// points farther than 128 m are left out. The result depends on the arguments and settings alone.
     pub fn refine(
         &mut self,
         sequence: u64,
@@ -112,7 +112,7 @@ impl Refiner {
         out.choose_readings();
     }
 
-    /// Sorts a scan and finds its ground: what can be done before there are detections.
+    /// Sorts a scan and finds its ground: the part that needs no detections.
     pub fn read_scan(&mut self, scan: &[Point]) {
         self.frame.sort(scan);
         self.clusterer.find_ground(&self.frame);
@@ -123,12 +123,12 @@ impl Refiner {
         &self.frame
     }
 
-    /// Proposals of the head's gate, ground, clusters of the scan, proposals matched to clusters, box, score, disposition,
-    /// merge (paper section 3.3), the profile's scores.
+    /// The steps: proposals from the head's gate, ground, clusters of the scan, matching of proposals to clusters, box, score,
+    /// disposition, merge (paper section 3.3), the profile's scores.
     ///
-    /// As [`Refiner::refine`], of the scan that [`Refiner::read_scan`] was given last, for a caller with a clock: before the scan is clustered, and before each
-    /// candidate, the best first, `is_over` is asked whether the frame's time is up. Then the candidates that are left keep their proposal boxes, get
-    /// [`Object::UNREFINED`] and are counted. One that says yes at once skips them all: for a frame whose points are gone.
+    /// As [`Refiner::refine`], for the scan given last to [`Refiner::read_scan`] and a caller with a clock. Before the scan is clustered, and before
+    /// each candidate (best first), `is_over` returns whether the frame's time is up. The remaining candidates then keep their proposal boxes, get
+    /// [`Object::UNREFINED`] and are counted. If `is_over` returns true at once, all are skipped: for a frame whose points are gone.
     pub fn refine_within(
         &mut self,
         sequence: u64,
@@ -209,7 +209,7 @@ impl Refiner {
         }
     }
 
-    /// Lists the points in the boxes of known objects; where the variant keeps them apart, those in and around known objects with a high score are theirs.
+    /// Lists the points in known objects' boxes. In a variant that keeps them apart, known objects with a high score own the points in and near them.
     fn take_points_of_known(&mut self, points: usize) {
         let taken = &mut self.points;
         self.counters.points_not_finite = self.frame.not_finite;
@@ -242,7 +242,7 @@ impl Refiner {
         }
     }
 
-    /// Published objects get their points first; suppressed ones what room is left.
+    /// Writes the output. Published objects get their points first; suppressed objects get the remaining room.
     fn write_out(&self, detections: &[Detection], out: &mut RefinerOutput) {
         out.objects.clear();
         out.object_points.clear();
@@ -260,7 +260,7 @@ impl Refiner {
             let [x_m, y_m, _] = object.center_m;
             let is_known = proposal.kind == ObjectKind::Known;
             let told = self.probabilities.as_ref();
-            // The tables are of scores with the cluster's.
+            // The tables belong to scores that include the cluster's score.
             let has_cluster = proposal.measures.is_some() || !self.scorer.reads_clusters();
             let told = told.filter(|_| is_known || has_cluster);
             let told = told.and_then(|told| told.of(is_known, x_m.hypot(y_m), object.score));

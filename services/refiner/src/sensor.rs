@@ -1,4 +1,4 @@
-//! What the refiner must know of the model and its sensor.
+//! What the refiner must know about the model and its sensor.
 
 use mluc_model::{Beams, HeadKind, Manifest};
 
@@ -7,13 +7,13 @@ use mluc_model::{Beams, HeadKind, Manifest};
 pub struct Sensor {
     /// Height above the ground, m.
     pub height_m: f64,
-    /// For the range image; `None`: neighbours are found by distance.
+    /// Beams for the range image; `None`: neighbours are found by distance.
     pub beams: Option<Beams>,
     /// Names of the known classes, in the order of `class_id`.
     pub classes: Vec<String>,
-    /// Whether the model sees behind the vehicle too.
+    /// Whether the model also sees behind the vehicle.
     pub sees_all_around: bool,
-    /// Whether the detections tell a probability of being none of the known (the model's head is an open one).
+    /// Whether the detections have a probability of being none of the known classes (the model has an open head).
     pub tells_unknown: bool,
 }
 

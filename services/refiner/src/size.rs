@@ -1,29 +1,29 @@
-//! What a cluster's size says about it.
+//! Decisions by a cluster's size.
 
 use std::sync::LazyLock;
 
 use crate::fit::ClusterPoints;
 use crate::priors::{LOW_M, TALL_FROM_M, TALL_M};
 
-/// Whether a cluster is no larger than one thing can be.
+/// Whether a cluster is no larger than one object can be.
 pub(crate) fn is_whole(cluster: &ClusterPoints) -> bool {
     let is_tall = height_m(cluster) >= TALL_FROM_M;
     is_within(cluster, if is_tall { TALL_M } else { LOW_M })
 }
 
-/// Nothing longer than this along any direction is whole, m.
+/// A cluster longer than this along any direction is not whole, m.
 pub(crate) fn whole_diagonal_m() -> f64 {
     let diagonal = |[l, w, _]: [f64; 3]| l.hypot(w);
     diagonal(LOW_M).max(diagonal(TALL_M))
 }
 
-/// Whether a cluster is higher than it is long: a person, a pole. Parts of a vehicle that a short reach tears off are
-/// as wide as they are high, or lower than a person.
+/// Whether a cluster is higher than it is long: a person, a pole. Parts that a short join distance separates from a
+/// vehicle are as wide as they are high, or lower than a person.
 pub(crate) fn is_upright(cluster: &ClusterPoints) -> bool {
-    /// Higher than this by itself, m: above the ground's clearance.
+    /// Minimum height of the cluster itself, m, above the ground's clearance.
     const HEIGHT_MIN_M: f64 = 1.0;
     const HEIGHT_PER_LENGTH: f64 = 1.3;
-    /// One column of returns is no person: a wall seen at a flat angle falls apart into such, m.
+    /// Minimum width, m: one column of returns is no person; a wall seen at a flat angle divides into such columns.
     const WIDTH_MIN_M: f64 = 0.15;
     let height = height_m(cluster);
     if height < HEIGHT_MIN_M {
@@ -38,17 +38,17 @@ pub(crate) fn is_upright(cluster: &ClusterPoints) -> bool {
     if octagon_m > limit_m || octagon_m < WIDTH_MIN_M {
         return false;
     }
-    // Between two of the octagon's directions nothing is wider than this.
+    // Between two of the octagon's directions the cluster is not wider than this.
     octagon_m / OCTAGON <= limit_m || DIRECTIONS.iter().all(|d| widest_m(d) <= limit_m)
 }
 
-/// Whether some heading exists at which the cluster is no longer, wider and higher than l, w, h.
+/// Whether a heading exists at which the cluster is no longer, wider or higher than l, w, h, m.
 pub(crate) fn is_within(cluster: &ClusterPoints, [l, w, h]: [f64; 3]) -> bool {
     if height_m(cluster) > h {
         return false;
     }
     let fits = |[a, b]: [f64; 2]| a.max(b) <= l && a.min(b) <= w;
-    // No heading turns something longer than the diagonal into something that fits: this settles most walls.
+    // A cluster longer than the diagonal fits at no heading: this rejects most walls.
     let is_too_long = |[a, b]: [f64; 2]| a.max(b) > l.hypot(w);
     for middle in [DIRECTIONS[0], DIRECTIONS[COUNT / 2]] {
         let sides_m = cluster.sides_m(middle);
@@ -82,9 +82,9 @@ fn height_m(cluster: &ClusterPoints) -> f64 {
     range.map_or(0.0, |[low, high]| f64::from(high - low))
 }
 
-/// Headings within a quarter turn.
+/// Number of headings within a quarter turn.
 const COUNT: usize = 12;
-/// cos(22.5 degrees): widths along two directions 45 degrees apart are at least this share of any between them.
+/// cos(22.5 degrees): of two directions 45 degrees apart, the larger width is at least this share of any width between them.
 const OCTAGON: f64 = 0.923_879;
 
 /// Headings 7.5 degrees apart, rad from the line of sight.
@@ -92,7 +92,7 @@ fn heading_rad(step: usize) -> f64 {
     std::f64::consts::FRAC_PI_2 * step as f64 / COUNT as f64
 }
 
-/// The same as directions seen from above.
+/// The same headings as directions (cosine, sine), seen from above.
 static DIRECTIONS: LazyLock<[[f32; 2]; COUNT]> = LazyLock::new(|| {
     std::array::from_fn(|step| {
         let yaw_rad = heading_rad(step);

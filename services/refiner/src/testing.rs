@@ -1,4 +1,4 @@
-//! What tests share.
+//! Helpers for tests.
 
 use mluc_ipc_types::Point;
 

@@ -1,8 +1,8 @@
-//! Evidence over time: unknown objects are followed over frames, and published once what the last frames tell of them is enough.
+//! Evidence over time: unknown objects are tracked over frames, and published when the last frames give enough evidence.
 //!
-//! A bush that looks like an object in one frame mostly does so in the next, because it stands still: more frames alone tell little.
-//! What moves over the ground is no bush. So a track is as likely as its best frames say (the mean of their log odds), and more likely
-//! where it moves; what stands still for a whole window is ranked lower, also before it is confirmed; confirmed once, it stays so. Known objects are not looked at and never delayed.
+//! A bush that looks like an object in one frame mostly does so in the next, because it stands still: more frames alone are little evidence.
+//! An object that moves over the ground is no bush. So a track gets the mean log odds of its best frames, and more if it moves; a track that stands
+//! still for a whole window is ranked lower, also before it is confirmed. A confirmed track stays confirmed. Known objects are never delayed.
 
 use mluc_ipc_types::{
     Disposition, EgoPose, FrameHeader, OBJECTS_MAX, Object, ObjectKind, TrackNews,
@@ -12,19 +12,19 @@ use smart_default::SmartDefault;
 
 use crate::{RefinerError, RefinerOutput};
 
-/// Most frames that a track remembers.
+/// Maximum number of frames that a track remembers.
 const FRAMES_MAX: usize = 32;
-/// What moved so far over the ground within a window, m, and on a way hardly longer than that, moves.
+/// A track moves if its displacement over the ground within a window is at least this, m, and at least this share of its path.
 const MOVED_MIN_M: f64 = 1.5;
 const STRAIGHT_MIN: f64 = 0.9;
-/// What was not seen for so many windows of sequences is forgotten, however few frames of them came.
+/// A track that was not seen for this many windows of sequence numbers is forgotten, even if few of these frames came.
 const WINDOWS_MAX: u64 = 4;
-/// Farthest that something seen once may have gone until the next frame, m: 40 m/s at 10 Hz.
+/// Maximum distance that an object seen once moves until the next frame, m: 40 m/s at 10 Hz.
 const WAY_MAX_M: f64 = 4.0;
-/// So many lost frames widen the way that an object may have gone.
+/// Maximum number of lost frames that widen the distance at which an object is searched.
 const LOST_MAX: u64 = 2;
-/// Log odds that motion adds, and standing still for a whole window: fitted, with a slope of 1.0 on the mean of the best frames, to
-/// simulated validation drives.
+/// Log odds that are added for motion, and for standing still for a whole window: fitted to simulated validation drives, with a slope of
+/// 1.0 on the mean of the best frames.
 const MOVING: f64 = 2.0;
 const STILL: f64 = -0.5;
 
@@ -32,23 +32,23 @@ const STILL: f64 = -0.5;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, SmartDefault)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrackSettings {
-    /// Farthest that an object's centre may be, seen from above, from where its track expects it, m. A golf cart at 15 km/h, whose speed is not known yet,
-    /// moves 0.4 m in a frame at 10 Hz; the rest is how a box's centre wanders when other faces come into view.
+    /// Maximum distance, seen from above, of an object's centre from the place where its track expects it, m. A golf cart at 15 km/h, whose speed
+    /// is not known yet, moves 0.4 m per frame at 10 Hz; the rest allows a box's centre to shift when other faces come into view.
     #[default(1.5)]
     pub distance_max_m: f64,
-    /// Frames that must have seen an object, among the last `window` that came, before it is published. The best so many say how likely it is.
+    /// Frames, of the last `window` that came, in which an object must be seen before it is published. As many of its best ones give its probability.
     #[default(5)]
     pub confirm_hits: u32,
-    /// Frames that count, at most 32.
+    /// Number of frames that count, at most 32.
     #[default(10)]
     pub window: u32,
-    /// A track is confirmed from this probability on, 0 to 1; where the model tells no probabilities, by its hits alone.
+    /// Minimum probability of a confirmed track, 0 to 1; if the model gives no probabilities, the hits alone confirm a track.
     #[default(0.4)]
     pub probability_min: f64,
 }
 
 impl TrackSettings {
-    /// Errors: a distance that is not above 0, votes that cannot be reached, a probability that is none.
+    /// Errors: a distance that is not above 0, a window not of 1 to 32 frames, hits that cannot be reached, a probability not within 0 to 1.
     pub fn check(&self) -> Result<(), RefinerError> {
         let (distance_m, window, hits) = (self.distance_max_m, self.window, self.confirm_hits);
         let is_distance = distance_m > 0.0 && distance_m.is_finite();
@@ -65,54 +65,54 @@ impl TrackSettings {
     }
 }
 
-/// Most tracks at once; the oldest unseen one gives way.
+/// Maximum number of tracks; a new track replaces the one that was unseen for longest.
 const TRACKS_MAX: usize = 512;
 
 /// One frame's object of a track.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sighting {
     sequence: u64,
-    /// Of those that came, counted.
+    /// Number of the frame among the frames that came.
     frame: u64,
     stamp_ns: u64,
-    /// m: in the fixed frame, or in the sensor's while no pose is known.
+    /// Place, m: in the fixed frame, or in the sensor frame while no pose is known.
     place_m: [f64; 2],
-    /// Of being an object; infinite where nobody tells it, NaN where the frame alone does not tell it.
+    /// Log odds of being an object; infinite if the model gives no probabilities, NaN if only this frame gives none.
     log_odds: f64,
 }
 
-/// Something unknown, seen in some of the last frames.
+/// An unknown object that was seen in some of the last frames.
 #[derive(Clone, Copy, Debug, Default)]
 struct Track {
     id: u32,
     first: u64,
-    /// The newest first.
+    /// Sightings, the newest first.
     seen: [Sighting; FRAMES_MAX],
-    /// Those in the window.
+    /// Number of sightings in the window.
     count: usize,
-    /// Metres a frame, from its last sightings; until the second one tells, also if it is what another track saw once.
+    /// Motion per frame, m, from its last sightings. Until the second sighting, also the motion if another track saw the same object once.
     steps_m: [[f64; 2]; 2],
     news: TrackNews,
     probability: f64,
-    /// An object of the frame in hand belongs to it already.
+    /// Whether an object of the current frame belongs to it already.
     is_taken: bool,
 }
 
-/// Follows unknown objects; buffers are made once, nothing grows beyond the settings.
+/// Tracks unknown objects; buffers are allocated once, and nothing grows beyond the settings.
 #[derive(Debug)]
 pub struct Tracker {
     settings: TrackSettings,
     tracks: Vec<Track>,
     order: Vec<usize>,
     next_id: u32,
-    /// Frames that came.
+    /// Number of frames that came.
     frame: u64,
-    /// Run, what tells the sensor's pose ([`EgoPose::is_known`]) and sequence of the last frame.
+    /// Run, source of the sensor's pose ([`EgoPose::is_known`]) and sequence of the last frame.
     last: Option<[u64; 3]>,
 }
 
 impl Tracker {
-    /// Refuses settings that make no sense.
+    /// Returns an error for invalid settings.
     pub fn new(settings: TrackSettings) -> Result<Tracker, RefinerError> {
         settings.check()?;
         Ok(Tracker {
@@ -125,11 +125,11 @@ impl Tracker {
         })
     }
 
-    /// Unknown objects that nothing has suppressed get number, age, speed and probability of their track, also those with a low score. Of a confirmed track all
-    /// are published; what else would be becomes [`Disposition::Unconfirmed`]. Known objects stay as they are, and so do unknown ones beyond the most tracks.
+    /// Unsuppressed unknown objects, also with a low score, get number, age, speed and probability of their track. All of a confirmed track are
+    /// published; others that would be become [`Disposition::Unconfirmed`]. Known objects, and unknown ones beyond the most tracks, stay the same.
     ///
-    /// The header has the sensor's pose, where known; without it nothing is known to move. Frames that are missing between two calls tell
-    /// nothing, but what they leave unseen for four windows is forgotten.
+    /// The header has the sensor's pose, if known; without it no track is known to move. Frames that are missing between two calls are no
+    /// evidence, but a track that stays unseen for four windows is forgotten.
     pub fn update(&mut self, header: &FrameHeader, refined: &mut RefinerOutput) {
         self.age([header.run_id, header.ego.is_known.into(), header.sequence]);
         let objects = &mut refined.objects;
@@ -137,13 +137,13 @@ impl Tracker {
         self.order.clear();
         self.order.extend((0..objects.len()).filter(|&index| {
             let object = &objects[index];
-            // What nobody refined may go on in a confirmed track.
+            // An unrefined object may continue a confirmed track.
             let is_unrefined = object.flags & Object::UNREFINED != 0;
             let may_count = object.probability().is_some() || is_unrefined;
             object.kind == ObjectKind::Unknown as u32
                 && (object.is_published() || is_low(object) && may_count)
         }));
-        // The surest object chooses first; equal ones in their order.
+        // The object with the highest score chooses first; equal scores keep their order.
         let score = |index: usize| objects[index].score;
         self.order.sort_by(|&a, &b| score(b).total_cmp(&score(a)));
         for place in 0..self.order.len() {
@@ -176,15 +176,15 @@ impl Tracker {
         self.guess();
     }
 
-    /// Time passes; what was not seen for a whole window is forgotten.
+    /// Advances the time, and forgets tracks that were not seen for a whole window.
     fn age(&mut self, [run, told_by, sequence]: [u64; 3]) {
-        // Begun anew, or the frame of reference changed: nothing can be found again.
+        // The run began anew, or the frame of reference changed: no track can be found again.
         let last = self.last.replace([run, told_by, sequence]);
         if last.is_some_and(|last| [run, told_by] != last[..2] || sequence < last[2]) {
             self.tracks.clear();
         }
         match last {
-            // Of a refiner before this one, numbers are others: a frame begins no more than so many tracks.
+            // The numbers differ from an earlier refiner's: a frame begins at most TRACKS_MAX tracks.
             None => {
                 let first = sequence.wrapping_mul(TRACKS_MAX as u64);
                 self.next_id = (first % u64::from(Object::NONE)) as u32;
@@ -203,12 +203,12 @@ impl Tracker {
         });
     }
 
-    /// The free track nearest to where it should be now, or a new one, with what it is worth now; None when all tracks were seen in this frame.
+    /// The free track that expects the sighting nearest to its place, or a new one, updated; `None` when all tracks were seen in this frame.
     fn track_of(&mut self, sighting: Sighting, has_pose: bool) -> Option<&Track> {
         let free = self.tracks.iter().enumerate().filter(|(_, t)| !t.is_taken);
         let distances = free.map(|(index, track)| (index, track.distance_m(&sighting).0));
         let near = distances.filter(|(index, m)| {
-            // Where frames were lost it has gone farther.
+            // After lost frames the object may be farther away.
             let frames = sighting.sequence - self.tracks[*index].seen[0].sequence;
             let lost = frames - (sighting.frame - self.tracks[*index].seen[0].frame);
             *m <= self.settings.distance_max_m * (1 + lost.min(LOST_MAX)) as f64
@@ -224,7 +224,7 @@ impl Tracker {
         Some(track)
     }
 
-    /// What moves too fast to be found again begins anew: then it may be the nearest thing that was seen once and is not there any more.
+    /// An object that moves too fast for its track begins a new one: it may be the nearest object that was seen once and is no longer there.
     fn guess(&mut self) {
         for index in 0..self.tracks.len() {
             let young = &self.tracks[index];
@@ -260,7 +260,7 @@ impl Tracker {
 }
 
 impl Track {
-    /// In a frame, from where it was seen last; not for the same frame.
+    /// Motion per frame since the last sighting, m; `None` for the same frame.
     fn way_m(&self, to: &Sighting) -> Option<[f64; 2]> {
         let last = &self.seen[0];
         let frames = to.sequence.checked_sub(last.sequence);
@@ -268,7 +268,7 @@ impl Track {
         Some([0, 1].map(|axis| (to.place_m[axis] - last.place_m[axis]) / frames as f64))
     }
 
-    /// How far from where it should be, by the step that leads nearer, and that step.
+    /// Distance from the expected place, m, by the step that leads nearer, and that step.
     fn distance_m(&self, to: &Sighting) -> (f64, [f64; 2]) {
         let last = &self.seen[0];
         let frames = (to.sequence - last.sequence) as f64;
@@ -284,7 +284,7 @@ impl Track {
         let way_m = self.way_m(&sighting);
         if let (Some(way_m), true) = (way_m, self.count > 0) {
             let (_, old_m) = self.distance_m(&sighting);
-            // Half of the new step, half of the old: a box's centre jumps when another face comes into view.
+            // The mean of the new and the old step: a box's centre jumps when another face comes into view.
             self.steps_m = [[0, 1].map(|axis| 0.5 * (old_m[axis] + way_m[axis])); 2];
         }
         let sighting = Sighting {
@@ -304,7 +304,7 @@ impl Track {
         self.is_taken = true;
     }
 
-    /// What its sightings in the window are worth. Once confirmed it stays so.
+    /// Computes probability, speed and confirmation from the sightings in the window. A confirmed track stays confirmed.
     fn judge(&mut self, settings: &TrackSettings, has_pose: bool) {
         let seen = &self.seen[..self.count];
         let (newest, oldest) = (seen[0], seen[self.count - 1]);
@@ -338,13 +338,13 @@ impl Track {
     }
 }
 
-/// Of a probability in steps of 1/254; none is sure.
+/// Log odds of a probability in steps of 1/254; clamped, because none is certain.
 fn log_odds(probability: f32) -> f64 {
     let sure = f64::from(probability).clamp(0.002, 0.998);
     (sure / (1.0 - sure)).ln()
 }
 
-/// From the sensor's frame into the one that stands still, seen from above; as it is while no pose is known.
+/// Converts a place from the sensor frame into the fixed frame, seen from above; no change while no pose is known.
 fn in_fixed_frame(ego: &EgoPose, center_m: [f32; 3]) -> [f64; 2] {
     let [x, y] = [f64::from(center_m[0]), f64::from(center_m[1])];
     if ego.is_known == 0 {

@@ -1,4 +1,4 @@
-//! Every cluster of a scene, and nothing of the ground.
+//! The clusterer finds every cluster of a scene, and nothing of the ground.
 
 mod common;
 
@@ -10,14 +10,14 @@ use mluc_refiner::{FrameClusterer, FrameClusters, Settings, clusters::NO_CLUSTER
 fn find(points: &[Point]) -> FrameClusters {
     let mut clusterer = FrameClusterer::new(&Settings::default(), &sensor()).expect("settings");
     let mut out = FrameClusters::default();
-    // Twice: nothing of a frame may stay for the next one.
+    // Runs twice: no data of a frame may stay for the next one.
     clusterer.find(&scan(&[standing(8.0, 3.0, [3.0, 2.0, 2.0], 0.5)]), &mut out);
     clusterer.find(points, &mut out);
     assert_sound(points, &out);
     out
 }
 
-/// No point is in two clusters, and ranges, labels and boxes agree.
+/// No point is in two clusters; ranges, labels and boxes agree.
 fn assert_sound(points: &[Point], out: &FrameClusters) {
     let mut seen = vec![false; points.len()];
     for (number, cluster) in out.clusters.iter().enumerate() {
@@ -36,7 +36,7 @@ fn assert_sound(points: &[Point], out: &FrameClusters) {
     assert!(has_none.eq(seen.iter().map(|&s| !s)));
 }
 
-/// Clusters but for a beam's returns on a roof, or a sliver of a face.
+/// The number of clusters without a beam's returns on a roof, and without slivers of a face.
 fn substantial(out: &FrameClusters) -> usize {
     let many = out.clusters.iter().filter(|c| c.measures.points >= 50);
     many.count()
@@ -62,11 +62,11 @@ fn every_object_of_a_street_is_one_cluster() {
 
 #[test]
 fn people_beside_each_other_are_told_apart_and_what_they_leave_is_too_few() {
-    // Placed so that no ray hits a side of them.
+    // The people are placed so that no ray hits a side of them.
     let people = [(0.0, 1.75), (0.87, 1.7)];
     let people = people.map(|(y, height)| standing(10.0, y, [0.5, 0.5, height], 0.0));
     let mut points = scan(&people);
-    // Within the join distance of one of them, beyond half of it.
+    // These points are within the join distance of one person, but beyond half of it.
     points.extend([-1.0, -0.9, -0.8].map(|z| point([9.75, -0.65, z])));
     let out = find(&points);
     assert_eq!(substantial(&out), 2);
@@ -85,14 +85,14 @@ fn a_long_wall_is_cut_and_never_dropped() {
     }
     for cluster in &out.clusters {
         let m = &cluster.measures;
-        // Sixteen metres, and half a cell on either side.
+        // The limit is sixteen metres, and half a cell on either side.
         assert!(m.component_length_m > 30.0 && m.seen_m[0] <= 16.5, "{m:?}");
     }
 }
 
 #[test]
 fn thousands_of_clusters_are_all_found() {
-    // Columns of ten points 2 m apart, the lowest on the ground.
+    // Columns of ten points, 2 m apart; the lowest point is on the ground.
     let column = |i: usize| {
         let [x, y] = [i / 10 % 72, i / 720].map(|k| 2.0 * k as f64 - 71.0);
         point([x, y, 0.2 * (i % 10) as f64 - common::SENSOR_HEIGHT_M])

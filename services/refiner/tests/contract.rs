@@ -1,4 +1,4 @@
-//! One suite that every refiner passes, whatever comes in.
+//! One suite that every refiner passes, whatever the input.
 
 mod common;
 
@@ -8,13 +8,13 @@ use common::{
 use mluc_ipc_types::{Detection, Disposition, Flags, Object, Point};
 use mluc_refiner::{RefinerOutput, Variant, WORK_MAX};
 
-/// What each variant makes of a frame.
+/// The output of each variant for a frame.
 fn refine_all(points: &[Point], detections: &[Detection]) -> Vec<(Variant, RefinerOutput)> {
     let refined = |variant| (variant, refine(variant, points, detections));
     Variant::ALL.into_iter().map(refined).collect()
 }
 
-/// Six carts, and a candidate half a metre off each, the last with the lowest score.
+/// Six carts, and a candidate half a metre away from each; the last has the lowest score.
 fn carts() -> (Vec<Point>, Vec<Detection>) {
     let place = |k: f64| standing(9.0 + 4.0 * k, 6.0 - 2.5 * k, CART, 0.4);
     let carts: Vec<_> = (0..6).map(f64::from).map(place).collect();
@@ -40,7 +40,7 @@ fn five_hundred_and_twelve_candidates_on_one_spot() {
     }
 }
 
-/// Clouds that are no scene, 131,072 points each.
+/// Point clouds that are no scene, 131,072 points each.
 fn clouds() -> [(&'static str, Vec<Point>); 5] {
     let of = |at: fn(f64, [f64; 3]) -> [f64; 3]| {
         let share = |i: usize, k: f64| (i as f64 * k).fract() - 0.5;
@@ -58,7 +58,7 @@ fn clouds() -> [(&'static str, Vec<Point>); 5] {
     ]
 }
 
-/// No join of what lies apart: an object's points lie in its box, and within reach of each other.
+/// Points that lie apart are never joined: an object's points lie in its box, and within reach of each other.
 #[test]
 fn clouds_that_are_no_scene() {
     const NOISE_M: f64 = 0.05;
@@ -144,7 +144,7 @@ fn when_the_time_is_up_the_worst_candidates_keep_their_proposals() {
         let mut asked = 0;
         let mut is_over = || {
             asked += 1;
-            // Once for the clusters, then for each candidate.
+            // Asked once for the clusters, then once for each candidate.
             asked > 3
         };
         let mut refiner = refiner(variant);
@@ -161,7 +161,7 @@ fn when_the_time_is_up_the_worst_candidates_keep_their_proposals() {
             assert!(if is_left { is_proposal } else { is_refined });
         }
     }
-    // A frame whose points are gone: nothing is looked for, nothing is lost.
+    // The points of the frame are gone: the refiner searches nothing and loses nothing.
     let mut out = RefinerOutput::default();
     refiner(Variant::RangeScaled).refine_within(0, &[], &detections, &mut || true, &mut out);
     assert_eq!(out.counters.unrefined, 6);
@@ -169,8 +169,8 @@ fn when_the_time_is_up_the_worst_candidates_keep_their_proposals() {
     assert!(out.objects.iter().all(is_kept));
 }
 
-/// A wall, a plane, a blob and one spot of 131,072 points each; 512 candidates beside each other and all in one place. Clusters of the scan cost what its
-/// points cost; grown for each candidate, what is left beyond the limit keeps its proposal, the best scores first.
+/// A wall, a plane, a blob and one spot of 131,072 points each; 512 candidates side by side or in one place. Clusters of the scan cost as much work as
+/// the scan has points. Clusters grown per candidate have a limit: beyond it candidates keep their proposals, and the best scores come first.
 #[test]
 fn work_is_bounded_and_what_is_left_keeps_its_proposal() {
     for variant in [Variant::RangeScaled, Variant::PaperCorrected] {
@@ -190,7 +190,7 @@ fn work_is_bounded_and_what_is_left_keeps_its_proposal() {
                 let (work, unrefined) = (out.counters.work, out.counters.unrefined);
                 let most = match variant {
                     Variant::RangeScaled => points.len() as u64,
-                    // One candidate may be begun with hardly any work left.
+                    // A candidate may start when almost no work is left.
                     _ => WORK_MAX + 50 * 16_384 + 4 * points.len() as u64,
                 };
                 assert!(work <= most, "{name} {spread_m} {variant:?}: {work}");

@@ -1,4 +1,4 @@
-//! What unknown objects are worth: the score of their clusters, the sizes of road users, the probability of the unknown.
+//! The scores of unknown objects: the score of their clusters, the sizes of road users, the probability of the unknown.
 
 mod common;
 
@@ -12,10 +12,10 @@ use mluc_refiner::{
     cluster_scorer,
 };
 
-/// Nothing goes for its size; this is said of a cart, a low cart, a pole, a hut and a post.
+/// No object is dropped for its size. These are the flags of a cart, a low cart, a pole, a hut and a post.
 const SIZE_FLAGS: [u32; 5] = [0, 0, Object::SMALL, Object::LARGE, Object::POST];
 
-/// Only what is higher than about 1.4 m looks like something.
+/// A scorer that accepts only clusters higher than about 1.4 m.
 fn tall_ones() -> Option<ClusterScorer> {
     let [a, b, c, _] = CLUSTER_SCORER_WIDTHS;
     let measures = Measures {
@@ -34,7 +34,7 @@ fn tall_ones() -> Option<ClusterScorer> {
     ClusterScorer::new(values)
 }
 
-/// A cart, a low cart, a pole, a hut, and a post too high for its ground.
+/// A cart, a low cart, a pole, a hut, and a post that is too high for its base area.
 fn boxes() -> [Box3; 5] {
     [
         standing(10.0, 5.0, [2.6, 1.3, 1.9], 0.4),
@@ -50,7 +50,7 @@ fn candidates() -> [Detection; 5] {
     boxes().map(|b| candidate(&b, [0.1, 0.1], 8.0))
 }
 
-/// What a refiner says of the boxes and detections, the same twice.
+/// The output of a refiner for the boxes and detections; it must be the same twice.
 fn refined(mut refiner: Refiner, detections: &[Detection]) -> RefinerOutput {
     let points = scan(&boxes());
     let (mut once, mut again) = (RefinerOutput::default(), RefinerOutput::default());
@@ -149,7 +149,7 @@ fn what_there_was_no_time_to_score_is_published_behind_the_others() {
     let mut refiner =
         Refiner::with_scorer(Settings::default(), &sensor(), tall_ones()).expect("settings");
     let mut out = RefinerOutput::default();
-    // Time for nothing, then for the clusters and two of the candidates.
+    // First there is no time, then time for the clusters and two of the candidates.
     for (asks, unrefined) in [(0, 5), (3, 3)] {
         let mut asked = 0;
         let mut is_over = || {
@@ -175,7 +175,7 @@ fn an_open_heads_probability_ranks() {
     }
     let refiner = Refiner::new(Settings::default(), &open()).expect("settings");
     let out = refined(refiner, &detections);
-    // The hut is larger than a road user: behind all others.
+    // The hut is larger than a road user: it ranks behind all others.
     for (object, expected) in out.objects.iter().zip([0.4374, 0.0162, 0.0, 0.00375, 0.0]) {
         assert!((object.score - expected).abs() < 1e-6, "{object:?}");
     }
@@ -237,7 +237,7 @@ fn a_doubted_box_is_published_once_or_as_all_that_it_may_be() {
     assert!(is(&cart, Disposition::OverlapsUnknown) && cart.suppressed_by == 0);
     assert!(low_cart.is_published() && low_cart.size_m == detections[1].size_m);
     assert!(is(&hut, Disposition::LowScore));
-    // What a track does not confirm is known again; what something known covers is neither.
+    // An object that a track does not confirm is known again. An object that a known object covers is neither known nor unknown.
     for (reason, expected) in [
         (Disposition::Unconfirmed, Disposition::Published),
         (Disposition::OverlapsKnown, Disposition::OverlapsKnown),

@@ -1,4 +1,4 @@
-//! What the refiners make of simple scenes.
+//! The refiners' output for simple scenes.
 
 mod common;
 
@@ -8,7 +8,7 @@ use mluc_ipc_types::{Detection, Disposition, Object, Point};
 use mluc_refiner::Variant::{PaperCorrected, RangeScaled};
 use mluc_refiner::{RefinerOutput, Variant};
 
-/// How many points of an object lie in a box with a margin, m, and how many it has.
+/// How many points of an object lie in a box with a margin of 0.05 m, and how many points it has.
 fn inside(points: &[Point], out: &RefinerOutput, object: &Object, shape: &Box3) -> [usize; 2] {
     let grown = Inside::of(shape, 0.05);
     let own = out.points_of(object).iter().map(|&i| points[i as usize]);
@@ -39,7 +39,7 @@ fn a_cart_seen_at_its_corner_gets_its_box() {
 
 #[test]
 fn from_its_rear_face_alone_a_cart_is_completed() {
-    // Straight ahead, at the height of the sensor: nothing but the rear can be seen.
+    // The cart is straight ahead, at the height of the sensor: only its rear can be seen.
     let cart = standing(14.0, 0.0, CART, 0.0);
     let points = scan(&[cart]);
     let iou_of = |variant: Variant| {
@@ -51,7 +51,7 @@ fn from_its_rear_face_alone_a_cart_is_completed() {
     assert!(completed > 0.3, "{completed}");
 }
 
-/// Through a rear window a few returns come from within: they lie nearest the proposal's centre, and are not the van.
+/// A few returns come from inside, through the rear window: they are nearest to the proposal's centre, but are not the van.
 #[test]
 fn returns_from_within_a_van_are_not_taken_for_it() {
     let van = standing(14.0, 3.0, [5.0, 1.9, 2.2], 0.3);
@@ -72,12 +72,12 @@ fn returns_from_within_a_van_are_not_taken_for_it() {
     assert!(iou > 0.5, "{iou} {found:?}");
 }
 
-/// Field complaint: the merger deletes an unknown beside a known truck. Wherever the proposal lies around the obstacle,
-/// also half on the truck, the obstacle stays an object of its own, closer than any reach of a join, and no point of the truck is its.
+/// Field complaint: the merger deletes an unknown object next to a known truck. Wherever the proposal lies around the obstacle,
+/// also half on the truck, the obstacle stays a separate object, even within the reach of every join, and gets no point of the truck.
 #[test]
 fn an_obstacle_close_to_a_truck_survives_whatever_the_proposal() {
     let truck = standing(15.0, 0.0, [8.0, 2.5, 3.2], 0.0);
-    // One face of it is seen, and its depth is a guess.
+    // Only one face of the obstacle is seen, and its depth is a guess.
     for (gap_m, iou_min) in [(0.15, 0.2), (0.2, 0.3), (0.3, 0.2), (0.6, 0.2)] {
         let obstacle = standing(13.0, 1.25 + gap_m + 0.35, [0.8, 0.7, 1.1], 0.0);
         let points = scan(&[truck, obstacle]);
@@ -119,7 +119,7 @@ fn too_few_points_are_told_and_what_is_oversized_is_split() {
     };
     let out = refine_on(standing(30.0, 3.0, [0.05, 0.05, 0.4], 0.0));
     assert!(is(&out.objects[0], Disposition::TooFewPoints));
-    // Never dropped: cut to a road user's length.
+    // The object is never dropped: it is cut to a road user's length.
     let out = refine_on(standing(12.0, 0.0, [0.4, 40.0, 3.0], 0.0));
     let piece = &out.objects[0];
     assert!(piece.is_published() && piece.flags & Object::SPLIT != 0);

@@ -1,11 +1,11 @@
-//! The printed sign of the angle against the original one, on a wall with a step in depth.
+//! Compares the printed sign of the angle with the original one, on a wall with a step in depth.
 
 mod common;
 
 use mluc_refiner::paper::Neighbourhood;
 use mluc_refiner::paper::grow::{Depth, Grower, Growth, Printed};
 
-/// Two parallel walls seen frontally: the left half at 10 m, the right half `step_m` behind it.
+/// Two parallel walls, seen frontally: the left half is at 10 m, the right half `step_m` behind it.
 fn step(step_m: f64) -> (Neighbourhood, Vec<bool>) {
     let mut around = Neighbourhood::default();
     around.origin_m = [10.0, 0.0];
@@ -26,7 +26,7 @@ fn step(step_m: f64) -> (Neighbourhood, Vec<bool>) {
     (around, is_near)
 }
 
-/// Shares of the near and of the far wall in the cluster of a point on the near one, beside the step.
+/// Shares of the near wall and of the far wall in the cluster of a point on the near wall, next to the step.
 fn shares(grower: &mut dyn Grower, step_m: f64) -> [f64; 2] {
     let (around, is_near) = step(step_m);
     let off = |i: &usize| around.y_m[*i].abs() + around.z_m[*i].abs();
@@ -62,7 +62,7 @@ fn the_corrected_sign_keeps_the_surface_and_stops_at_the_step() {
 #[test]
 fn the_printed_sign_splits_the_surface_and_jumps_over_the_step() {
     let mut printed = Printed::default();
-    // Within its neighbour distance of 0.5 m.
+    // The step is within the method's neighbour distance of 0.5 m.
     let [near, far] = shares(&mut printed, 0.4);
     assert!(near < 0.5, "most of its own surface is left out: {near}");
     assert!(far > 0.0, "and it goes on behind the step: {far}");

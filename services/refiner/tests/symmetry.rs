@@ -1,4 +1,4 @@
-//! Turning, shifting up and reordering a scene turns and shifts the boxes and nothing else.
+//! Turning, shifting up and reordering a scene turns and shifts the boxes and changes nothing else.
 
 mod common;
 
@@ -23,13 +23,13 @@ fn scene() -> (Vec<Point>, Vec<Detection>) {
     (points, candidates.collect())
 }
 
-/// A place turned around the sensor.
+/// A position, turned around the sensor.
 fn turned([x, y]: [f64; 2], by_rad: f64) -> [f64; 2] {
     let (sin, cos) = by_rad.sin_cos();
     [x * cos - y * sin, x * sin + y * cos]
 }
 
-/// The scene with every place, seen from above, moved.
+/// Moves every position of the scene, seen from above.
 fn moved(points: &mut [Point], detections: &mut [Detection], to: impl Fn([f64; 2]) -> [f64; 2]) {
     let to = |x: f32, y: f32| to([x, y].map(f64::from)).map(|v| v as f32);
     for p in points {
@@ -42,7 +42,7 @@ fn moved(points: &mut [Point], detections: &mut [Detection], to: impl Fn([f64; 2
     }
 }
 
-/// Each object of the scene, and what it is after a change of the scene.
+/// Each object of the scene, before and after a change of the scene.
 fn compared(change: impl FnOnce(&mut [Point], &mut [Detection])) -> Vec<(Object, Object)> {
     let (mut points, mut detections) = scene();
     let before = refine(Variant::RangeScaled, &points, &detections);
@@ -53,12 +53,12 @@ fn compared(change: impl FnOnce(&mut [Point], &mut [Detection])) -> Vec<(Object,
     pairs.collect()
 }
 
-/// Of a person two faces of half a metre are seen: several headings fit them as well, so that the heading may jump.
+/// Only two faces of half a metre are seen of a person: several headings fit them equally well, so that the heading may jump.
 fn is_small(found: &Box3) -> bool {
     found.size_m[0] < 1.0
 }
 
-/// Boxes overlap by more than `least`; of a person, place and size are within a quarter of a metre.
+/// Boxes overlap by more than `least`; position and size of a person agree within a quarter of a metre.
 fn is_same(found: &Box3, expected: &Box3, least: f64) -> bool {
     if !is_small(expected) {
         return iou_3d(found, expected) > least;
@@ -77,7 +77,7 @@ proptest! {
             detections.iter_mut().for_each(|d| d.yaw_rad += by_rad as f32);
         });
         for (a, b) in &pairs {
-            // The cells of ground and clusters lie along the axes: a point at the edge of one may change sides.
+            // The cells of ground and clusters lie along the axes: a point at the edge of a cell may change to another cell.
             let apart = a.points_count.abs_diff(b.points_count);
             prop_assert!(100 * apart <= a.points_count, "{} {}", a.points_count, b.points_count);
             let (mut expected, found) = (box_of(a), box_of(b));
@@ -100,12 +100,12 @@ proptest! {
         for (a, b) in &pairs {
             let mut expected = box_of(a);
             expected.center_m[2] += f64::from(by_m);
-            // Large clusters are thinned for their heading, by heights too.
+            // Large clusters are thinned for their heading, also by height.
             prop_assert!(iou_3d(&box_of(b), &expected) > 0.95);
         }
     }
 
-    /// Not exact as raising is: reach and ground depend on the place, if little.
+    /// This is less exact than raising: reach and ground depend slightly on the position.
     #[test]
     fn shifting_the_scene_shifts_the_boxes(x_m in -1.5f32..1.5, y_m in -1.5f32..1.5) {
         let by = [x_m, y_m].map(f64::from);

@@ -1,4 +1,4 @@
-//! Evidence over time: what is seen once is held back, what is seen again keeps its number, what moves is worth more, known objects pass at once.
+//! Evidence over time: an object seen once is held back, one seen again keeps its number, a moving one ranks higher, known ones pass at once.
 
 use mluc_ipc_types::{Disposition, EgoPose, FrameHeader, Object, ObjectKind};
 use mluc_refiner::{RefinerOutput, TrackSettings, Tracker};
@@ -17,7 +17,7 @@ fn object(kind: ObjectKind, x: f32, y: f32, score: f32) -> Object {
     }
 }
 
-/// What becomes of a frame's objects.
+/// The objects of a frame after the tracker's update.
 fn update(tracker: &mut Tracker, sequence: u64, ego: &EgoPose, objects: &[Object]) -> Vec<Object> {
     let mut out = RefinerOutput::default();
     out.objects.extend_from_slice(objects);
@@ -30,7 +30,7 @@ fn update(tracker: &mut Tracker, sequence: u64, ego: &EgoPose, objects: &[Object
     out.objects
 }
 
-/// What becomes of an unknown object that is seen at some sequences.
+/// An unknown object that is seen at these sequences, after each update.
 fn seen_at(sequences: &[u64], x_m: impl Fn(u64) -> f32) -> Vec<Object> {
     let mut tracker = tracker();
     let mut see = |&sequence: &u64| {
@@ -40,7 +40,7 @@ fn seen_at(sequences: &[u64], x_m: impl Fn(u64) -> f32) -> Vec<Object> {
     sequences.iter().map(&mut see).collect()
 }
 
-/// That confirms from the third sighting on.
+/// A tracker that confirms from the third sighting on.
 fn tracker() -> Tracker {
     let settings = TrackSettings {
         confirm_hits: 3,
@@ -49,7 +49,7 @@ fn tracker() -> Tracker {
     Tracker::new(settings).unwrap()
 }
 
-/// What becomes of one that is likely an object by a probability, in 14 frames at (20 + speed x time, 1); the sensor does not move.
+/// An unknown object with a probability, after each of 14 updates, at (20 + speed x time, 1); the sensor does not move.
 fn judged(
     disposition: Disposition,
     probability: f32,
@@ -73,11 +73,11 @@ fn a_track_is_confirmed_when_it_is_likely_or_moves_over_the_ground() {
     use Disposition::{LowScore, Published, Unconfirmed};
     for (before, probability, speed_mps, is_known, confirmed_from, otherwise) in [
         (Published, 0.7, 0.0, 1, 2, Unconfirmed),
-        // Published with a low score, too.
+        // An object with a low score is published, too.
         (LowScore, 0.7, 0.0, 1, 2, LowScore),
         (Published, 0.25, 0.0, 1, 99, Unconfirmed),
         (LowScore, 0.25, 0.0, 1, 99, LowScore),
-        // 1.5 m of way after four frames; without a pose nobody knows what moves.
+        // It has moved 1.5 m after four frames; without a pose the tracker knows no motion.
         (Published, 0.25, 4.0, 1, 4, Unconfirmed),
         (Published, 0.25, 4.0, 0, 99, Unconfirmed),
         (Published, 0.02, 4.0, 1, 99, Unconfirmed),
@@ -171,7 +171,7 @@ fn what_is_fast_is_found_again_beside_what_stands_still() {
     let mut tracker = tracker();
     let mut last = [(Object::NONE, false); 2];
     for sequence in 0..5 {
-        // 35 m/s, and within 4 m of its first place something else.
+        // One object at 35 m/s; another one is within 4 m of its first position.
         let places_m = [(10.0 + 3.5 * sequence as f32, 1.0), (12.0, 3.0)];
         let objects = places_m.map(|(x, y)| object(ObjectKind::Unknown, x, y, 0.5));
         let seen = update(&mut tracker, sequence, &EgoPose::default(), &objects);

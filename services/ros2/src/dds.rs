@@ -13,7 +13,7 @@ use rustdds::{
     TopicKind,
 };
 
-/// The largest that leaves room for the ports of 120 participants a machine (DDSI-RTPS 2.5, section 9.6.2).
+/// The largest domain that leaves room for the ports of 120 participants per machine (DDSI-RTPS 2.5, section 9.6.2).
 const DOMAIN_MAX: u16 = 232;
 /// CDR begins with the encoding and two bytes of options.
 const HEAD_BYTES: usize = 4;
@@ -29,15 +29,15 @@ pub(crate) fn join() -> anyhow::Result<DomainParticipant> {
     participant.with_context(|| format!("joining the DDS domain {domain}"))
 }
 
-/// When to join anew: rustdds 0.14 loses what a participant has announced where another one comes in the same moment, and does not take one back that was
-/// gone for longer than its lease.
+/// Decides when to join the domain again. rustdds 0.14 loses a participant's announcements if another participant joins at the same moment,
+/// and it does not accept a participant again after its lease expired.
 pub(crate) struct Patience {
     heard: Instant,
     joined: Instant,
     limit: Duration,
 }
 
-/// The first silence, and the longest, before it is joined anew.
+/// Shortest and longest silence before the domain is joined again.
 const PATIENCE: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(60)];
 
 impl Default for Patience {
@@ -51,7 +51,7 @@ impl Default for Patience {
 }
 
 impl Patience {
-    /// Whether nobody was heard for so long, and for twice as long as between the last two times; each time twice as long.
+    /// Whether the silence exceeds the limit: twice the last interval between two messages, within `PATIENCE`. Each time it does, the limit doubles.
     pub(crate) fn is_over(&mut self, is_heard: bool) -> bool {
         let [shortest, longest] = PATIENCE;
         if is_heard {
@@ -67,7 +67,7 @@ impl Patience {
     }
 }
 
-/// What was joined anew; `None`, which is logged: it is tried again later.
+/// The result of joining again; `None`: the error is logged, and joining is tried again later.
 pub(crate) fn anew<T>(joined: anyhow::Result<T>) -> Option<T> {
     let warn = |error: &anyhow::Error| tracing::warn!("cannot join anew: {error:#}");
     joined.inspect_err(warn).ok()
@@ -85,7 +85,7 @@ pub(crate) fn topic(
     Ok(participant.create_topic(name, kind, qos, TopicKind::NoKey)?)
 }
 
-/// Keeps the last messages, and `count_max` where some are not acknowledged yet.
+/// QoS that keeps the last `depth` messages, and up to `count_max` while some are not acknowledged.
 pub(crate) fn keep(qos: QosPolicyBuilder, depth: i32, count_max: i32) -> QosPolicies {
     let qos = qos.history(History::KeepLast { depth });
     let limits = ResourceLimits {
@@ -96,14 +96,14 @@ pub(crate) fn keep(qos: QosPolicyBuilder, depth: i32, count_max: i32) -> QosPoli
     qos.resource_limits(limits).build()
 }
 
-/// A message in CDR, with its head, is sent and received as it is.
+/// Codec for messages that are already in CDR, with their CDR header.
 #[derive(Clone)]
 pub(crate) struct Encoded;
 
 impl SerializerAdapter<Bytes> for Encoded {
     type Error = Infallible;
 
-    /// What [`mluc_gateway::ros2`] writes.
+    /// The encoding that [`mluc_gateway::ros2`] writes.
     fn output_encoding() -> Encoding {
         Encoding::CDR_LE
     }

@@ -11,7 +11,7 @@ use clap::Parser;
 use mluc::{DoctorArgs, StageArgs, doctor, exit_code, stages};
 use mluc_runtime::{Instance, log_to_stderr};
 
-/// The crate's errors are of packets that it drops, and of its own end.
+/// rustdds is silenced: it logs errors for packets that it drops, and during its own shutdown.
 const LOG: &str = "info,rustdds=off";
 
 /// Scans from a ROS 2 topic, objects to ROS 2 topics.

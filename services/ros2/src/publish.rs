@@ -1,4 +1,4 @@
-//! `mluc publish`: what `mluc record` writes, as live topics. Nothing in the pipeline waits for it, and it waits for no subscriber.
+//! `mluc publish`: the messages of `mluc record` as live topics. Nothing in the pipeline waits for it, and it waits for no subscriber.
 
 use std::time::Instant;
 
@@ -13,16 +13,16 @@ use rustdds::{Duration, LostReason, QosPolicyBuilder, StatusEvented};
 
 use crate::dds::{Encoded, Patience, anew, join, keep, topic};
 
-/// Clouds and other messages that are kept after they were sent. No fewer clouds than may wait: the oldest, which is on its way, would be replaced.
+/// Number of sent clouds and of other sent messages that are kept. Clouds: at least `BEHIND_MAX`, or a new one replaces the one being sent.
 const DEPTH: [i32; 2] = [10, 5];
-/// And those that may wait for subscribers; then the next ones are dropped. 1 s and 100 s at 10 Hz: a subscriber that is gone is forgotten within 20 s.
+/// Number of clouds and of other messages that may wait for subscribers (1 s and 100 s at 10 Hz); more are dropped. A lost subscriber counts for 20 s.
 const BEHIND_MAX: [i32; 2] = [10, 1000];
 
-/// A process that stood still for so long is gone to the others (leases of 10 s, renewed all 8 s).
+/// After a pause of this length, other participants consider this process gone (leases of 10 s, renewed every 8 s).
 const STILL: std::time::Duration = std::time::Duration::from_secs(8);
 
 struct Writers {
-    /// One a topic, and how many subscribers it has.
+    /// One writer per topic, with its number of subscribers.
     writers: Vec<(DataWriter<Bytes, Encoded>, i32)>,
     participant: DomainParticipant,
 }
@@ -46,7 +46,7 @@ impl Writers {
         })
     }
 
-    /// Whether a participant has gone without a word, for lack of a network or of life: it would not be taken back.
+    /// Whether the lease of a participant expired (network lost or process dead): rustdds would not accept it again.
     fn have_lost(&self) -> bool {
         let listener = self.participant.status_listener();
         let events = std::iter::from_fn(|| listener.try_recv_status());
@@ -82,12 +82,12 @@ pub(crate) fn publish(instance: Option<Instance>) -> anyhow::Result<()> {
         let are_heard = topics.as_mut().is_some_and(Writers::are_heard);
         let was_still = std::mem::replace(&mut asked, Instant::now()).elapsed() > STILL;
         if patience.is_over(are_heard) || have_lost || was_still {
-            // First the old one: others may know its ports alone.
+            // Drop the old participant first, to free its ports: others may know this process only by its ports.
             drop(topics.take());
             topics = anew(Writers::join());
         }
         let writers = topics.iter().flat_map(|topics| &topics.writers);
-        // The channels are in the order of the topics; the line has none.
+        // The writers are in the order of the messages; the frame's line has no writer.
         for ((writer, _), message) in writers.zip(moment.messages) {
             let Some(message) = message else { continue };
             if let Err(error) = writer.write(message.into(), None) {

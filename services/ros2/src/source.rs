@@ -1,4 +1,4 @@
-//! Scans from a ROS 2 topic: the newest cloud wins, those before it are counted by the publisher's sequence numbers.
+//! Scans from a ROS 2 topic. Only the newest cloud is used; skipped clouds are counted by the publisher's sequence numbers.
 
 use std::task::{Wake, Waker};
 use std::thread::{Thread, current, park_timeout};
@@ -15,20 +15,20 @@ use rustdds::{no_key::SimpleDataReader, policy::Durability};
 
 use crate::dds::{Encoded, Patience, anew, join, keep, topic};
 
-/// Clouds that wait: the newest, and the one that arrives.
+/// Clouds in the queue: the newest, and the one that arrives.
 const CLOUDS_MAX: i32 = 2;
-/// Poses that wait: 0.2 s at 1 kHz.
+/// Poses in the queue: 0.2 s at 1 kHz.
 const POSES_MAX: i32 = 200;
-/// Messages of fixed transforms: one of each publisher.
+/// Messages of fixed transforms in the queue: one per publisher.
 const FIXED_MAX: i32 = 50;
 const ODOM: &str = "/odom";
-/// The largest buffer of a socket, and what a cloud of 200,000 points fits.
+/// The kernel's limit for a socket's buffer, and the size that a cloud of 200,000 points needs.
 const BUFFER: &str = "/proc/sys/net/core/rmem_max";
 const BUFFER_BYTES: u64 = 4 << 20;
 /// How long a writer may wait for readers; nothing is written here.
 const RELIABLE_BLOCKING: rustdds::Duration = rustdds::Duration::ZERO;
 
-/// As [`Source::open`], and `ros2:/TOPIC`.
+/// Opens an input as [`Source::open`] does, and also `ros2:/TOPIC`.
 pub(crate) fn open(input: &Path, layout: &Layout, repeat: bool) -> anyhow::Result<Source> {
     match ros2_topic(input) {
         Some(name) => Source::live(Clouds::open(name, layout)?, layout),
@@ -41,22 +41,22 @@ type Reader = SimpleDataReader<Vec<u8>, Encoded>;
 struct Clouds {
     name: String,
     layout: Layout,
-    /// None after they could not be joined anew.
+    /// None: joining the domain again failed.
     topics: Option<Topics>,
-    /// What the scans are corrected by.
+    /// The odometry that corrects the scans.
     odometry: Odometry,
     heard: Instant,
     patience: Patience,
     /// Publisher and sequence number of the last cloud.
     last: Option<(GUID, i64)>,
-    /// Messages since the last scan that are none.
+    /// Messages since the last scan that were lost, replaced or not readable.
     missed: u64,
 }
 
-/// What is read.
+/// The topics that are read.
 struct Topics {
     clouds: Reader,
-    /// Where poses come from: what they are, and whether what they tell holds at any time. None without `--deskew`.
+    /// Readers of poses: the reader, its message type, and whether its transforms are fixed (valid at any time). Empty without `--deskew`.
     poses: Vec<(Reader, &'static str, bool)>,
     participant: DomainParticipant,
 }
@@ -70,7 +70,7 @@ impl Topics {
             let subscriber = participant.create_subscriber(&qos)?;
             Ok(subscriber.create_simple_datareader_no_key(&topic, Some(qos))?)
         };
-        // ROS' profiles: for sensor data, and for what is told once to all that come.
+        // ROS QoS profiles: one for sensor data, one for messages that are sent once and that late subscribers receive too.
         let sensor_data = || QosPolicyBuilder::new().best_effort();
         let latched = || {
             let qos = QosPolicyBuilder::new().durability(Durability::TransientLocal);
@@ -120,7 +120,7 @@ impl Clouds {
         })
     }
 
-    /// Takes all that is there; the newest stays. `None`: there was nothing.
+    /// Takes all waiting clouds and returns the newest. `None`: no cloud was waiting.
     fn newest(&mut self) -> Option<Vec<u8>> {
         let mut newest = None;
         let clouds = &mut self.topics.as_mut()?.clouds;
@@ -156,7 +156,7 @@ impl LiveScans for Clouds {
             }
             let newest = self.newest();
             if self.patience.is_over(newest.is_some()) {
-                // First the old ones: others may know the ports alone.
+                // Drop the old topics first, to free their ports: others may know this process only by its ports.
                 self.topics = None;
                 self.topics = anew(Topics::join(&self.name, &self.layout));
             }

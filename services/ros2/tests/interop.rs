@@ -6,11 +6,11 @@ use std::{net::UdpSocket, time::Duration};
 use mluc::bundled::BundledScans;
 use mluc_tests::{Running, Setting, built_program, python_with, root, skip, write_file};
 
-/// Multicast may be missing: participants of this machine are asked one by one.
+/// Multicast may be missing, so participants of this machine are contacted one by one.
 const CYCLONE: &str = "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General><Discovery>\
     <ParticipantIndex>auto</ParticipantIndex><Peers><Peer address='localhost'/></Peers></Discovery></Domain></CycloneDDS>";
 
-/// `cyclone.py`, without arguments; `None`: Cyclone DDS or a network is missing, which is said.
+/// `cyclone.py`, without arguments; `None`, with a message: Cyclone DDS or a network is missing.
 fn cyclone() -> Option<Command> {
     let mut cyclone = Command::new(python_with("cyclonedds")?);
     cyclone.arg(root().join("services/ros2/tests/cyclone.py"));
@@ -33,7 +33,7 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
     let lines = expected.iter().map(|line| format!("{line}\n"));
     write_file(&told, lines.collect::<String>());
     let scans = std::mem::replace(&mut setting.input, "ros2:/points".into());
-    // Not that of another test, or of a robot beside this machine. Above 101 its ports are those that any socket may get.
+    // A domain that no other test and no robot next to this machine uses. Above 101 its ports are those that any socket may get.
     let domain = (51 + std::process::id() % 50).to_string();
     let start = |command: &mut Command| Running::start(command.env("ROS_DOMAIN_ID", &domain));
     let mut run = start(&mut setting.up_command("--pace sensor"));
@@ -44,7 +44,7 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
     doctor.args(["doctor", "--input", "ros2:/points"]);
     doctor.env("ROS_DOMAIN_ID", &domain).stdout(Stdio::piped());
     let doctor = doctor.spawn().expect("started");
-    // It compares the objects of each cloud with those of its file.
+    // Cyclone's script compares the objects of each cloud with the objects of its file.
     let cyclone = start(cyclone.args([scans, told])).finish_within(Duration::from_secs(120));
     let log = [&*cyclone.log, &run.log(), &publish.log()].concat();
     assert_eq!(cyclone.code, Some(0), "{log}");
@@ -68,12 +68,12 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
     assert!(damaged > 0, "no frame in place of the cloud without y");
 }
 
-/// What a sensor sees that drives while it turns gives the objects of one that stands still: by odometry, and by transforms.
+/// A sensor that drives while it turns gives the objects of a sensor that stands still: by odometry, and by transforms.
 #[test]
 fn points_are_corrected_by_odometry_and_by_transforms() {
     let Some(mut cyclone) = cyclone() else { return };
     let mut setting = Setting::new("ros2-motion", 0);
-    // Real objects stay where points move by a rounding.
+    // Real objects stay the same when rounding moves the points.
     setting.model = "any-open".into();
     let bundled = BundledScans::write("ros2-motion").expect("a folder");
     setting.input = bundled.folder().join("velodyne");

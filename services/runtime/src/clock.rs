@@ -1,8 +1,8 @@
-//! The two clocks: latency is measured with one, stamps for people come from the other.
+//! The two clocks: CLOCK_MONOTONIC measures latency, CLOCK_REALTIME gives the stamps that people read.
 
 use rustix::time::{ClockId, clock_gettime};
 
-/// CLOCK_MONOTONIC, ns: the same in all processes of this machine.
+/// CLOCK_MONOTONIC, ns: the same clock in all processes of this machine.
 pub fn monotonic_ns() -> u64 {
     read_ns(ClockId::Monotonic)
 }

@@ -1,4 +1,4 @@
-//! What can go wrong between processes, said so that the reader knows what to do.
+//! Errors between processes. Their messages say what the user can do.
 
 use std::{fmt::Display, path::PathBuf};
 
@@ -7,12 +7,12 @@ pub(crate) type Result<T> = std::result::Result<T, RuntimeError>;
 /// A failure of the process shell.
 #[derive(Debug, thiserror::Error)]
 pub enum RuntimeError {
-    /// A role that only one process may have is taken: role, instance, process, which is `?` when it did not say.
+    /// Another process already has a role that only one process may have. Fields: role, instance, process id (`?` if it is unknown).
     #[error(
         "{0} of instance '{1}' is already run by process {2}: stop it, or choose another name with --instance"
     )]
     AlreadyRunning(String, String, String),
-    /// The instance cannot be named so or joined; a topic cannot be opened, or a message of it cannot be lent, sent or taken; the file system failed.
+    /// The name of the instance is invalid, joining it failed, a topic or one of its messages (lend, send, take) failed, or the file system failed.
     #[error("{0}")]
     Failed(String),
 }
@@ -27,7 +27,7 @@ impl RuntimeError {
         RuntimeError::Failed(format!("{what}: {cause}"))
     }
 
-    /// For `map_err` on the file system.
+    /// Makes a closure for `map_err` on errors of the file system.
     pub(crate) fn io(
         action: &'static str,
         path: impl Into<PathBuf>,

@@ -1,5 +1,5 @@
-//! The frames of a topic as a stage takes them: the newest one of this run and its model, that ingest has sent and that
-//! does not go back. All others are refused and counted.
+//! The frames of a topic as a stage takes them: the newest frame of this run and its model that ingest has sent and whose
+//! sequence does not go backwards. All other frames are refused and counted.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use crate::{Input, Next, Payload, Scans, Shell, error::Result};
 /// A topic's frames.
 pub struct Frames<T: Payload> {
     input: Input<T>,
-    /// `None`: the topic is ingest's own.
+    /// `None`: the topic is the one that ingest itself sends.
     scans: Option<Scans>,
     run_id: u64,
     last: Option<u64>,
@@ -18,7 +18,7 @@ pub struct Frames<T: Payload> {
 }
 
 impl<T: Payload> Frames<T> {
-    /// Of a topic. `scans` tell what ingest has sent, and may hold the points of a frame for it; none for the topic that ingest itself sends.
+    /// Opens a topic. `scans` reports what ingest has sent, and may keep the points of each frame; `None` for the topic that ingest itself sends.
     pub fn new(shell: &Shell, topic: &Topic, scans: Option<Scans>) -> Result<Frames<T>> {
         Ok(Frames {
             input: shell.input(topic)?,
@@ -34,8 +34,8 @@ impl<T: Payload> Frames<T> {
         self.input.name()
     }
 
-    /// Waits for the newest frame; gives up after `timeout`, or when a frame was refused. Meanwhile `ahead` is shown the scan of
-    /// the frame to come, where scans are held.
+    /// Waits for the newest frame. Returns [`Next::Timeout`] after `timeout`, and also when a frame was refused. While it waits, `ahead` gets
+    /// the scan of the next frame, if scans are kept.
     pub fn next_within(
         &mut self,
         shell: &mut Shell,
@@ -59,7 +59,7 @@ impl<T: Payload> Frames<T> {
             if let Some(scan) = has_time.then(|| scans.ahead(done)).flatten() {
                 ahead(scan.header(), scan.elements());
             }
-            // While no frame is on its way, the next thing to come is a scan.
+            // No frame is in the pipeline: the next message to arrive is a scan.
             let is_idle = scans.count_sent() <= done;
             if is_idle && has_time {
                 scans.let_orphans_go();
@@ -70,7 +70,7 @@ impl<T: Payload> Frames<T> {
         if let Next::Message(message) = &next
             && let Err(error) = self.admit(shell, message.header())?
         {
-            // One that looks on finds the last frame from before it came, whose scan it has not seen, and has no use for one that was sent again.
+            // An observer gets the last frame from before it joined, whose scan it has not seen, and resent frames. It skips both silently.
             let is_known = match error {
                 ContractError::Sequence { end, found, .. } => end == 0 || Some(found) == self.last,
                 _ => false,
@@ -101,7 +101,7 @@ impl<T: Payload> Frames<T> {
             scans.take(run, |_| ())?;
             sent = scans.count_sent();
         }
-        // A stage answers again what is sent again.
+        // A stage processes a resent frame again; an observer does not.
         let next = u64::from(shell.heartbeat.is_none());
         let sequences = self.last.map_or(0, |last| last + next)..sent;
         let checked = header.checked_in(run, sequences).map(drop);
@@ -122,7 +122,7 @@ impl<T: Payload> Frames<T> {
         Point::checked(scan.header(), scan.elements()).ok()
     }
 
-    /// A frame was worked on: lets go the points that no later frame can ask for.
+    /// Called when a frame is done: releases the points that no later frame can need.
     pub fn release(&mut self) {
         if let Some(scans) = &mut self.scans {
             scans.let_go();

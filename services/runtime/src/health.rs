@@ -1,4 +1,4 @@
-//! What a stage tells of itself, and how others read it.
+//! The heartbeats of the stages: publishing them and reading them.
 
 use hdrhistogram::Histogram;
 use mluc_ipc_types::{FrameHeader, Health, HealthState, Stage, Topic};
@@ -7,9 +7,9 @@ use crate::{
     Input, Output, RuntimeError, error::Result, monotonic_ns, node::IpcNode, run::RunWatch,
 };
 
-/// Between two heartbeats when nothing changes.
+/// Time between two heartbeats while nothing changes, ns.
 const PERIOD_NS: u64 = 100_000_000;
-/// Longest time that the histogram tells apart, us: a minute.
+/// Upper bound of the histogram, us: a minute. Longer times are recorded as this one.
 const RUN_MAX_US: u64 = 60_000_000;
 
 /// The service's name: each stage has one of its own, so that each has one producer.
@@ -17,7 +17,7 @@ fn topic_name(stage: Stage) -> String {
     format!("{}/{}", Topic::HEALTH.name, stage.name())
 }
 
-/// The stage's side.
+/// Publishes the heartbeats of one stage.
 pub(crate) struct Heartbeat {
     output: Output<Health>,
     stage: Stage,
@@ -44,7 +44,7 @@ impl Heartbeat {
         self.run_us.saturating_record(run_us);
     }
 
-    /// Publishes where the last one is old.
+    /// Publishes a heartbeat if the last one is older than the period.
     pub(crate) fn keep_up(&mut self, health: &Health) -> Result<()> {
         if monotonic_ns() - self.last_ns < PERIOD_NS {
             return Ok(());
@@ -89,14 +89,14 @@ impl HealthWatch {
             heard_ns: [0; 4],
             begun_ns: 0,
         };
-        // What waits in the queues may be the last word of a stage that is gone.
+        // The queues may still contain the last heartbeat of a stage that is gone.
         watch.update()?;
         watch.begun_ns = monotonic_ns();
         Ok(watch)
     }
 
-    /// Takes what arrived. Left out are heartbeats that break the contract, of another stage than their topic's, and of
-    /// another run; where no run is known, those of any.
+    /// Takes the heartbeats that arrived. Ignores heartbeats that break the contract, name another stage than their topic, or belong
+    /// to another run. While no run is known, it accepts heartbeats of any run.
     pub fn update(&mut self) -> Result<&[Option<Health>; 4]> {
         if self.run.update()? {
             self.last = [None; 4];
@@ -132,7 +132,7 @@ impl HealthWatch {
         Stage::ALL.map(|stage| self.of(stage).filter(|_| is_heard(stage)).copied())
     }
 
-    /// Whether the stage said that the run's input is at its end.
+    /// Whether the stage reported the end of the run's input.
     pub fn has_finished(&self, stage: Stage) -> bool {
         self.of(stage).is_some_and(|health| {
             let state = health.checked().map(|(_, state)| state);
@@ -141,7 +141,7 @@ impl HealthWatch {
         })
     }
 
-    /// Whether the stage said that it takes frames of the run.
+    /// Whether the stage reported that it takes frames of the run.
     pub fn is_ready(&self, stage: Stage) -> bool {
         use HealthState::{Degraded, Running, WaitingInput};
         let takes_frames = |state| [WaitingInput, Running, Degraded].contains(&state);

@@ -6,11 +6,10 @@ use iceoryx2::sample::Sample;
 use iceoryx2::{port::listener::Listener, port::subscriber::Subscriber, prelude::PortFactory};
 use mluc_ipc_types::{FrameHeader, Topic};
 
-use crate::error::Result;
 use crate::node::{DataService, IpcNode, WakeService};
-use crate::{Instance, Ipc, Payload, RuntimeError, mapping, monotonic_ns};
+use crate::{Instance, Ipc, Payload, RuntimeError, error::Result, mapping, monotonic_ns};
 
-/// How long a wait takes that nothing ends.
+/// Longest sleep of a wait that no listener can end.
 const BLIND_WAIT: Duration = Duration::from_millis(5);
 
 /// Sleeps until the producer of a topic sends.
@@ -19,7 +18,7 @@ pub(crate) struct Wake(Rc<(Listener<Ipc>, WakeService)>);
 
 impl Wake {
     pub(crate) fn wait(&self, timeout: Duration) {
-        // An error here is a signal that arrived, or a listener that is gone: the caller looks and comes back.
+        // The error is a signal that arrived or a listener that is gone. The caller checks its state and waits again.
         if self.0.0.timed_wait(|_| (), timeout).is_err() {
             std::thread::sleep(timeout.min(BLIND_WAIT));
         }
@@ -66,10 +65,10 @@ impl<T: Payload> Input<T> {
         })
     }
 
-    /// The newest message; older ones that wait are let go.
+    /// The newest message; older waiting messages are discarded.
     pub fn newest(&mut self) -> Result<Option<Message<T>>> {
         let mut newest = self.take()?;
-        // The older one is let go before the next is taken: a topic may allow one held message alone.
+        // The older message is dropped before the next is taken: a topic may allow only one held message.
         while newest.is_some() && self.has_more()? {
             drop(newest);
             newest = self.take()?;
@@ -94,7 +93,7 @@ impl<T: Payload> Input<T> {
         Ok(sample.map(|sample| Message {
             sample,
             received_ns: monotonic_ns(),
-            // One more, for the check of its length to see.
+            // One more than the limit, so that the check of the length sees an oversized message.
             elements_seen: self.elements_max + 1,
         }))
     }
@@ -119,7 +118,7 @@ impl<T: Payload> Input<T> {
         }
     }
 
-    /// What [`Input::wait`] sleeps on, for whoever waits in its place.
+    /// The listener that [`Input::wait`] sleeps on, for a caller that waits on it directly.
     pub(crate) fn wake(&self) -> Option<Wake> {
         self.wake.clone()
     }
@@ -153,12 +152,12 @@ pub struct Message<T: Payload> {
 }
 
 impl<T: Payload> Message<T> {
-    /// The header, unchecked: the payload's own `checked` function looks at it.
+    /// The header, unchecked: the payload's own `checked` function checks it.
     pub fn header(&self) -> &FrameHeader {
         self.sample.user_header()
     }
 
-    /// The elements where they lie in shared memory, unchecked; no more than the topic's limit and one, however many the producer says that there are.
+    /// The elements in shared memory, unchecked. There are at most one more than the topic's limit, whatever count the producer gives.
     pub fn elements(&self) -> &[T] {
         let all = self.sample.payload();
         &all[..all.len().min(self.elements_seen)]

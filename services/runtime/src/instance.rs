@@ -1,7 +1,7 @@
-//! One pipeline on this machine: its name, and where its files lie.
+//! One pipeline on this machine: its name and the paths of its files.
 //!
 //! Everything of an instance is in `/dev/shm`: the folder [`Instance::root`], `/dev/shm/mluc-UID-NAME` (locks, iceoryx2's small files), and the segments whose
-//! names begin with [`Instance::prefix`], `mluc-UID-NAME.`. tmpfs, because iceoryx2 finds a dead process through files there three times faster than on a disk.
+//! names begin with [`Instance::prefix`], `mluc-UID-NAME.`. On a tmpfs iceoryx2 finds a dead process through files three times faster than on a disk.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use crate::{RuntimeError, error::Result};
 /// Where POSIX shared memory lies on Linux.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 
-/// A pipeline's name and places.
+/// A pipeline's name and paths.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Instance {
     name: String,
@@ -21,7 +21,7 @@ pub struct Instance {
 impl Instance {
     /// The name when none is given.
     pub const DEFAULT: &str = "default";
-    /// Longest name: socket paths have 107 bytes in all.
+    /// Longest name: a socket path has at most 107 bytes in all.
     const NAME_MAX: usize = 24;
 
     /// Checks the name.
@@ -41,12 +41,12 @@ impl Instance {
         })
     }
 
-    /// As given.
+    /// The name as it was given.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// How the names of its segments in `/dev/shm` begin.
+    /// The start of the names of its segments in `/dev/shm`.
     pub fn prefix(&self) -> &str {
         &self.prefix
     }
@@ -56,8 +56,8 @@ impl Instance {
         &self.root
     }
 
-    /// Variable with the instance's name: all that a foreign stage needs. Prefix and root path follow from it and the
-    /// user's number; the model and its classes stand in the topic `run`.
+    /// Environment variable with the instance's name. A foreign stage needs nothing else: prefix and root path follow from the
+    /// name and the user id, and the topic `run` gives the model and its classes.
     pub const VARIABLE: &str = "MLUC_INSTANCE";
 
     /// The instance that the environment names, else the default one.

@@ -3,10 +3,10 @@
 //! [`Instance`] names one pipeline on this machine; [`Shell`] is one process in it: it joins the instance, opens ports
 //! from the table of services ([`mluc_ipc_types::Topic`]), waits, counts, reports its health, and leaves nothing behind.
 //!
-//! What is designed around (iceoryx2 0.10): the creator of a service decides its settings, so both sides take them from the one table; overflow drops the
-//! oldest, so a dead consumer never blocks a producer; a killed process leaves files, so the last process of an instance removes all of them, and the first one
-//! wipes what a crash left before it opens anything; a connection file of 0 bytes would hang every later start, so it is swept first; the management segment
-//! would be open to every user, so it is made first.
+//! How this crate handles properties of iceoryx2 0.10. The creator of a service decides its settings, so both sides take them from one table.
+//! Overflow drops the oldest message, so a dead consumer never blocks a producer. A killed process leaves files, so the last process of an
+//! instance removes all files, and the first one removes what a crash left before it opens anything. A connection file of 0 bytes would hang
+//! every later start, so it is removed first. The management segment would be open to every user, so this crate creates it before iceoryx2.
 
 mod clock;
 mod error;

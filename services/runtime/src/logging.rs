@@ -1,5 +1,5 @@
-//! Log lines to stderr; stdout belongs to results. One line an event, with wall-clock time, for people or as JSON; the same
-//! message again and again is summed up.
+//! Log lines on stderr; stdout is for results. Each event is one line with wall-clock time, as text for people or as JSON.
+//! Repeated messages are counted and summed up.
 
 mod repeats;
 mod stderr;
@@ -20,27 +20,27 @@ use repeats::Repeats;
 pub use stderr::PatientStderr;
 
 static IS_JSON: OnceLock<bool> = OnceLock::new();
-/// What this process is called in its lines.
+/// Name of this process in its log lines.
 static PROCESS: OnceLock<&str> = OnceLock::new();
 static REPEATS: Mutex<Repeats> = Mutex::new(Repeats(Vec::new()));
 
-/// How log lines are written: for people, or a JSON object a line (`time`, `level`, `process`, `message`, `fields`).
+/// Formats of log lines: text for people, or one JSON object per line (`time`, `level`, `process`, `message`, `fields`).
 pub const LOG_FORMATS: [&str; 2] = ["human", "json"];
-/// Names the format where no option does. A pipeline hands it to its stages.
+/// Environment variable that names the format if no option does. A pipeline passes it to its stages.
 pub const LOG_FORMAT_VARIABLE: &str = "MLUC_LOG_FORMAT";
 
-/// From now on this process writes this format; the first word counts.
+/// Sets the log format of this process. Only the first call has an effect.
 pub fn choose_log_format(name: &str) {
     let _ = IS_JSON.set(name == LOG_FORMATS[1]);
 }
 
-/// What was chosen, else what the environment names.
+/// The chosen format, else the one that the environment names.
 pub fn log_format() -> &'static str {
     let variable = || std::env::var(LOG_FORMAT_VARIABLE).is_ok_and(|name| name == LOG_FORMATS[1]);
     LOG_FORMATS[usize::from(*IS_JSON.get_or_init(variable))]
 }
 
-/// A line for the log, in the current format. `fields` are names and values, said behind the message.
+/// A line for the log, in the current format. `fields` are names and values, which follow the message.
 pub fn log_line(process: &str, level: Level, message: &str, fields: &[(&str, String)]) -> String {
     let time = format_rfc3339_millis(SystemTime::now()).to_string();
     if log_format() == LOG_FORMATS[1] {
@@ -51,12 +51,12 @@ pub fn log_line(process: &str, level: Level, message: &str, fields: &[(&str, Str
     let fields = fields.iter();
     let fields = fields.map(|(name, value)| format!(" {name}={value}"));
     let fields: String = fields.collect();
-    // One line an event.
+    // One line per event.
     let text = format!("{message}{fields}").replace('\n', "\\n");
     format!("{time} {level:5} {process}: {text}")
 }
 
-/// Writes the sums of messages that repeated and whose time is over; at the end of a process, of all.
+/// Writes the counts of repeated messages whose time window is over. With `is_end`, at the end of a process, it writes all counts.
 pub fn tell_repeats(is_end: bool) {
     let now_ns = if is_end { u64::MAX } else { monotonic_ns() };
     for line in sums(now_ns) {
@@ -65,7 +65,7 @@ pub fn tell_repeats(is_end: bool) {
 }
 
 fn sums(now_ns: u64) -> Vec<String> {
-    // A panic beside a log line poisons nothing that matters here.
+    // A poisoned lock does no harm here: the counts stay usable after a panic.
     let mut repeats = REPEATS.lock().unwrap_or_else(PoisonError::into_inner);
     let ended = repeats.ended(now_ns).into_iter();
     let process = PROCESS.get().unwrap_or(&"log");
@@ -76,8 +76,8 @@ fn sums(now_ns: u64) -> Vec<String> {
     ended.map(line).collect()
 }
 
-/// Starts logging. `MLUC_LOG` sets the filter (`info` without it); `process` names this process in each line. iceoryx2's
-/// own messages are silent: every failure of it comes out as an error of ours that says what to do.
+/// Starts logging. `MLUC_LOG` sets the filter (`default_filter` without it); `process` names this process in each line. iceoryx2's
+/// own messages are off: this project reports each failure of iceoryx2 as an error that says what to do.
 pub fn log_to_stderr(process: &'static str, default_filter: &str) {
     let given = std::env::var("MLUC_LOG").unwrap_or_default();
     let given = Some(given).filter(|words| !words.is_empty());
@@ -95,7 +95,7 @@ pub fn log_to_stderr(process: &'static str, default_filter: &str) {
             let _ = PatientStderr(Duration::ZERO).write_all(format!("{line}\n").as_bytes());
         }));
     }
-    // A second start in one process (tests) keeps the first.
+    // A second call in one process (tests) keeps the first logger.
     let _ = tracing_subscriber::registry().with(lines).try_init();
 }
 
@@ -130,7 +130,7 @@ where
     }
 }
 
-/// What an event says.
+/// Message and fields of an event.
 #[derive(Default)]
 struct Words {
     message: String,

@@ -1,25 +1,25 @@
-//! What systemd wants to hear of a service of `Type=notify`: that it is ready, that it lives, that it ends (sd_notify(3)).
+//! Notifications to systemd from a service of `Type=notify`: it is ready, it is alive, it ends (sd_notify(3)).
 
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::{ffi::OsStr, os::linux::net::SocketAddrExt, os::unix::ffi::OsStrExt};
 
 use crate::monotonic_ns;
 
-/// Variables that a process which is no service itself must not hand on.
+/// Variables of the service manager, which a service must not pass on to the processes that it starts.
 pub const MANAGER_VARIABLES: [&str; 3] = ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"];
 
-/// The way to the manager of this service.
+/// The connection to the manager of this service.
 pub(crate) struct Manager {
     socket: UnixDatagram,
     address: SocketAddr,
-    /// Between two signs of life: half of `WatchdogSec`. 0: none is wanted.
+    /// Time between two watchdog notifications, ns: half of `WatchdogSec`. 0: none are requested.
     period_ns: u64,
     alive_ns: u64,
     is_ready: bool,
 }
 
 impl Manager {
-    /// `None`: no manager asks.
+    /// `None`: no service manager requests notifications.
     pub(crate) fn from_environment() -> Option<Manager> {
         let name = std::env::var_os("NOTIFY_SOCKET")?;
         let number = |variable: &str| std::env::var(variable).ok()?.parse::<u64>().ok();
@@ -49,7 +49,7 @@ impl Manager {
         }
     }
 
-    /// As often as one likes.
+    /// Sends a watchdog notification if one is due; may be called at any rate.
     pub(crate) fn alive(&mut self) {
         let now_ns = monotonic_ns();
         if self.period_ns > 0 && now_ns - self.alive_ns >= self.period_ns {
@@ -65,7 +65,7 @@ impl Drop for Manager {
     }
 }
 
-/// A path, or after `@` a name without a file.
+/// A socket path, or after `@` an abstract name, which has no file.
 fn address(name: &OsStr) -> Option<SocketAddr> {
     match name.as_bytes() {
         [b'@', rest @ ..] => SocketAddr::from_abstract_name(rest).ok(),

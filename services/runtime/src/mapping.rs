@@ -1,13 +1,13 @@
-//! The shared segments as this process maps them: touching their pages before the first frame does, and proving that a payload lies inside.
+//! The shared segments that this process maps: touching their pages before the first frame, and proving that a payload lies inside one.
 //!
-//! The first write to a fresh page of shared memory costs the kernel a page: measured, the first 36 MB message takes 18
-//! times as long as later ones. iceoryx2 has no option for it.
+//! At the first write to a fresh page of shared memory the kernel must provide the page. Measured: the first 36 MB message takes
+//! 18 times as long as later ones. iceoryx2 has no option that touches pages in advance.
 
 use std::{collections::HashSet, ops::Range};
 
 use crate::{Instance, error::Result, instance::SHARED_MEMORY};
 
-/// A part of this process's address space that shows a data segment of an instance.
+/// A part of this process's address space that maps a data segment of an instance.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Mapping {
     pub(crate) addresses: Range<usize>,
@@ -49,7 +49,7 @@ pub(crate) fn segment_of<T>(instance: &Instance, slice: &[T]) -> Option<Mapping>
     mappings(instance).into_iter().find(holds)
 }
 
-/// So much is touched at a time: where cores are busy, a whole segment may take longer than a stage may be silent.
+/// Bytes that are touched at a time: on busy cores, a whole segment may take longer than a stage may be silent.
 const PIECE_BYTES: usize = 8 << 20;
 
 /// Remembers which segments were touched.
@@ -60,8 +60,8 @@ pub(crate) struct Prefault {
 }
 
 impl Prefault {
-    /// Touches every page of segments that are new since the last call: for writing where this process writes. Between two pieces `beat` is called.
-    /// A segment that cannot be touched (old kernel, memory full) is left; the first one is said.
+    /// Touches every page of the segments that are new since the last call, for writing if this process may write. Calls `beat`
+    /// between two pieces. Skips a segment that cannot be touched (old kernel, memory full), and logs the first such segment.
     pub(crate) fn touch(
         &mut self,
         instance: &Instance,

@@ -1,7 +1,7 @@
-//! Who lives in an instance: locks that the kernel releases when a process dies, however it dies.
+//! The processes of an instance: locks that the kernel releases when a process dies, for whatever reason.
 //!
-//! Each process holds `.lock` in the root folder shared. Whoever gets it exclusively is alone: at the start it wipes
-//! what a crash left, at the end it removes everything. So nothing stays in shared memory, in any order of leaving.
+//! Each process has a shared lock on `.lock` in the root folder. A process that gets an exclusive lock is alone: at its start it
+//! removes what a crash left, at its end it removes everything. So nothing stays in shared memory, in whatever order processes end.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::ErrorKind;
@@ -18,12 +18,12 @@ use crate::{Instance, RuntimeError, error::Result, mapping::mappings, sweep};
 const LOCK: &str = ".lock";
 const CONTRACT: &str = "contract";
 const OUR_VERSION: &str = env!("CARGO_PKG_VERSION");
-/// Another process wipes or writes the contract for milliseconds; a guess with room.
+/// Limit of the wait for another process that cleans up or writes the contract. That takes milliseconds; the limit is a generous guess.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// A killed parent's threads may hold its lock for a moment after its children heard of its death.
+/// The threads of a killed parent may keep its lock for a moment after its children are notified of its death.
 const ORPHAN_PATIENCE: Duration = Duration::from_millis(500);
 
-/// This process lives in the instance. Drop it last: it removes all files when nobody else is there.
+/// Membership of this process in the instance. Drop it last: it removes all files if no other process is a member.
 #[derive(Debug)]
 pub struct Membership {
     instance: Instance,
@@ -32,7 +32,7 @@ pub struct Membership {
 }
 
 impl Membership {
-    /// Joins; `role` is told to those who come later.
+    /// Joins the instance. The first process writes its `role` into the contract for the processes that join later.
     pub fn join(instance: &Instance, role: &str) -> Result<Membership> {
         let begun = Instant::now();
         loop {
@@ -88,7 +88,7 @@ impl Membership {
 
     fn check_contract(&self) -> Result<()> {
         let path = self.instance.root().join(CONTRACT);
-        // Whoever was alone wrote it before anybody else could share the lock.
+        // The first process wrote it under the exclusive lock, before another process could share the lock.
         let text = fs::read_to_string(&path).map_err(RuntimeError::io("reading", &path))?;
         let field = |key: &str| {
             let mut words = text.split_whitespace();
@@ -128,7 +128,7 @@ fn claim_path(instance: &Instance, role: &str) -> PathBuf {
     instance.root().join(format!("{role}.pid"))
 }
 
-/// Whether the root folder is a folder of this user that nobody else may enter; false: it is gone again. In `/dev/shm` another user may have made it first.
+/// Whether the root folder belongs to this user, and to nobody else; false: it is gone again. In `/dev/shm` another user may have made it: an error.
 fn is_ours_alone(instance: &Instance) -> Result<bool> {
     let root = instance.root();
     let about = match fs::symlink_metadata(root) {
@@ -151,7 +151,7 @@ fn is_ours_alone(instance: &Instance) -> Result<bool> {
 impl Drop for Membership {
     fn drop(&mut self) {
         if !mappings(&self.instance).is_empty() {
-            // A port that closes after this process left removes what the next process of the instance makes meanwhile.
+            // A port that closes after this process left removes files that the next process of the instance has made.
             tracing::error!("a port outlives its shell: drop the ports first");
         }
         let begun = Instant::now();
@@ -171,14 +171,14 @@ impl Drop for Membership {
     }
 }
 
-/// A role that this process has alone. Its file outlives a crash: it says which process had the role, and which frame it was working on.
+/// A role that only this process has. Its file survives a crash: it names the process that had the role and the frame that it was working on.
 #[derive(Debug)]
 pub struct Claim {
     file: File,
 }
 
 impl Claim {
-    /// Notes the frame that is being worked on; none between two frames. Two system calls a frame, about 1 us.
+    /// Notes the frame that is being worked on; `None` between two frames. This costs two system calls per frame, about 1 us.
     pub(crate) fn note_frame(&self, sequence: Option<u64>) -> std::io::Result<()> {
         let sequence = sequence.map_or("-".to_string(), |sequence| sequence.to_string());
         let pid = std::process::id();
@@ -187,17 +187,17 @@ impl Claim {
     }
 }
 
-/// What a role's last process left in the file of its claim.
+/// The content of a claim's file: what the last process with the role wrote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClaimNote {
-    /// Of the process.
+    /// Process id.
     pub pid: u32,
     /// The frame that it is, or was, working on.
     pub sequence: Option<u64>,
 }
 
 impl ClaimNote {
-    /// Whether or not the process is alive.
+    /// Reads the note, whether or not the process is alive.
     pub fn read(instance: &Instance, role: &str) -> Option<ClaimNote> {
         let text = fs::read_to_string(claim_path(instance, role)).ok()?;
         let mut words = text.split_whitespace();
@@ -207,7 +207,7 @@ impl ClaimNote {
         })
     }
 
-    /// Of a role that a process has now.
+    /// Reads the note if a living process has the role.
     pub fn of_living(instance: &Instance, role: &str) -> Option<ClaimNote> {
         let file = File::open(claim_path(instance, role)).ok()?;
         let is_held = flock(&file, FlockOperation::NonBlockingLockShared).is_err();
@@ -226,7 +226,7 @@ fn open_lock(path: &Path) -> std::io::Result<File> {
         .open(path)
 }
 
-/// Whether the path still leads to this open file: the last process of an instance removes it.
+/// Whether the path still leads to this open file: the last process of an instance removes the file.
 fn is_same_file(file: &File, path: &Path) -> bool {
     let id = |about: fs::Metadata| (about.ino(), about.dev());
     let ids = [file.metadata(), fs::metadata(path)].map(|about| about.map(id).ok());

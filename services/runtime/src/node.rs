@@ -21,7 +21,7 @@ pub(crate) type WakeService = event::PortFactory<Ipc>;
 
 /// Processes that may open a service: four stages, supervisor, and tools.
 const NODES_MAX: usize = 16;
-/// How long another process may take to make or remove a service; a guess with room.
+/// How long another process may take to make or remove a service; a generous guess.
 const OPEN_PATIENCE: Duration = Duration::from_secs(3);
 
 /// This process's node in an instance.
@@ -31,8 +31,8 @@ pub(crate) struct IpcNode {
 }
 
 impl IpcNode {
-    /// `cleans`: whether this process removes what killed processes left. The supervisor does not: its stages do when they
-    /// start, each under the supervisor's eye, so that a cleaning that hangs never hangs the supervisor. Consumers do.
+    /// `cleans`: whether this process removes what killed processes left. Stages do so when they start, and so do consumers. The
+    /// supervisor does not: it watches the stages, so a cleaning that hangs never hangs the supervisor.
     pub(crate) fn join(instance: &Instance, role: &str, cleans: bool) -> Result<IpcNode> {
         set_log_level(LogLevel::Fatal);
         let count = sweep::sweep_stillborn(instance);
@@ -94,7 +94,7 @@ impl IpcNode {
 
     /// Opens or makes the service that wakes a topic's consumers.
     pub(crate) fn open_wake(&self, topic: &Topic, name: &str) -> Result<WakeService> {
-        // A killed producer's notifier keeps its place until it is cleaned: room for its successor.
+        // A killed producer's notifier keeps its slot until it is cleaned up: the limit leaves a slot for its successor.
         let open = |name: &ServiceName| {
             self.node
                 .service_builder(name)
@@ -108,7 +108,7 @@ impl IpcNode {
         self.retried(name, open, |_| false)
     }
 
-    /// Other processes make and remove services at the same time: all but lasting errors get more tries.
+    /// Retries all errors except lasting ones, because other processes make and remove services at the same time.
     fn retried<S, E: Debug>(
         &self,
         name: &str,

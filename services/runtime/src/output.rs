@@ -8,7 +8,7 @@ use mluc_ipc_types::{FrameHeader, Topic};
 use crate::node::{DataService, IpcNode, WakeService};
 use crate::{Instance, Ipc, Payload, RuntimeError, error::Result, instance::SHARED_MEMORY};
 
-/// Lends memory of a topic, sends it, and wakes who waits for it.
+/// Lends memory of a topic, sends it, and wakes the consumers that wait for it.
 pub struct Output<T: Payload> {
     publisher: Publisher<Ipc, [T], FrameHeader>,
     notifier: Notifier<Ipc>,
@@ -35,7 +35,7 @@ impl<T: Payload> Output<T> {
             .initial_max_slice_len(elements_max.max(1))
             .allocation_strategy(AllocationStrategy::Static)
             .max_loaned_samples(topic.loans)
-            // Never met while overflow is on; the default would wait for ever for a killed consumer.
+            // This case never occurs while overflow is on; the default would wait for ever for a killed consumer.
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| failed(format!("no place for another producer ({e:?})")))?;
@@ -50,7 +50,7 @@ impl<T: Payload> Output<T> {
         })
     }
 
-    /// Memory for a message of `elements` elements, to be filled in place. What it holds at first is anything.
+    /// Memory for a message of `elements` elements, to be filled in place. Its initial content is arbitrary.
     pub fn loan(&mut self, header: &FrameHeader, elements: usize) -> Result<Loan<'_, T>> {
         let sample = self.publisher.loan_slice_uninit(elements);
         let sample = sample.map_err(|e| self.failed("lending memory for a message", e))?;
@@ -65,20 +65,20 @@ impl<T: Payload> Output<T> {
         })
     }
 
-    /// Sends a message that holds a copy of these elements.
+    /// Sends a message with a copy of these elements.
     pub fn send(&mut self, header: &FrameHeader, elements: &[T]) -> Result<()> {
         let mut loan = self.loan(header, elements.len())?;
         loan.elements_mut().copy_from_slice(elements);
         loan.publish()
     }
 
-    /// Connects consumers that came since the last message, which get what the topic's history holds.
+    /// Connects consumers that joined since the last message. They get the messages of the topic's history.
     pub fn reach_late_readers(&self) -> Result<()> {
         let updated = self.publisher.update_connections();
         updated.map_err(|e| self.failed("reaching late readers", e))
     }
 
-    /// Consumers connected at this time, those included that were killed and not cleared away.
+    /// Number of consumers connected at this time, including killed ones that were not cleaned up.
     pub fn consumers(&self) -> usize {
         self.service.dynamic_config().number_of_subscribers()
     }
@@ -89,7 +89,7 @@ impl<T: Payload> Output<T> {
     }
 }
 
-/// A message being written, in shared memory. Dropped without [`Loan::publish`], it was never sent.
+/// A message that is being written in shared memory. If it is dropped without [`Loan::publish`], it is not sent.
 pub struct Loan<'a, T: Payload> {
     sample: SampleMut<Ipc, [T], FrameHeader>,
     output: &'a mut Output<T>,
@@ -110,7 +110,7 @@ impl<T: Payload> Loan<'_, T> {
     pub fn publish(self) -> Result<()> {
         let sent = self.sample.send();
         sent.map_err(|e| self.output.failed("sending", e))?;
-        // The message is there already; a consumer that cannot be woken finds it at its next look.
+        // The message is sent already; a consumer that cannot be woken finds it at its next poll.
         if let Err(error) = self.output.notifier.notify() {
             tracing::debug!(?error, topic = self.output.name, "waking the consumers");
         }
@@ -118,7 +118,7 @@ impl<T: Payload> Loan<'_, T> {
     }
 }
 
-/// Writing to shared memory that is full kills the process by a signal: better said before.
+/// Checks the free space in advance: a write to full shared memory kills the process by a signal.
 fn check_room(needed: u64) -> std::result::Result<(), String> {
     let Ok(about) = rustix::fs::statvfs(SHARED_MEMORY) else {
         return Ok(());

@@ -30,7 +30,7 @@ impl RunWatch {
         })
     }
 
-    /// Takes a newer description. True: a new run began. What breaks the contract is left out.
+    /// Takes a newer description. True: a new run began. A description that breaks the contract is ignored.
     pub(crate) fn update(&mut self) -> Result<bool> {
         let Some(message) = self.input.newest()? else {
             return Ok(false);
@@ -43,7 +43,7 @@ impl RunWatch {
         Ok(self.id() != before)
     }
 
-    /// 0 before one is known.
+    /// The run's id; 0 before a run is known.
     pub(crate) fn id(&self) -> u64 {
         self.current.map_or(0, |run| run.run_id)
     }

@@ -1,5 +1,5 @@
-//! The scans of a run, as those behind the backbone see them: how many ingest has sent, and the last ones, held where they
-//! lie in shared memory, so that a refiner finds the points of the frame whose detections it got.
+//! The scans of a run for the stages after the backbone: how many scans ingest has sent, and the last ones, kept in shared
+//! memory, so that a refiner finds the points of the frame whose detections it received.
 
 use std::collections::VecDeque;
 
@@ -7,10 +7,10 @@ use mluc_ipc_types::{Point, RunDescription, Topic};
 
 use crate::{Input, Message, Shell, error::Result, input::Wake};
 
-/// Scans kept after a frame was refined: the backbone has taken the newest or the one before it at about that time.
+/// Scans kept after a frame was refined: at about that time the backbone has taken the newest scan or the one before it.
 const PINNED: usize = 2;
-/// Scans kept in all: the pinned ones, and the newest two for a backbone that waited. So the points of a frame are found
-/// again however long the backbone takes; one more is held while it is being sorted in ([`Topic::POINTS`]`.borrowed`).
+/// Scans kept in all: the pinned ones, and the newest two for a backbone that waited. So the points of a frame are found,
+/// however long the backbone takes. One more scan is held while it is being inserted ([`Topic::POINTS`]`.borrowed`).
 const KEPT: usize = 4;
 
 /// Scans by their sequence.
@@ -25,7 +25,7 @@ pub struct Scans {
 }
 
 impl Scans {
-    /// Counts what ingest sends; `holds`: and keeps the last ones.
+    /// Counts the scans that ingest sends. With `holds` it also keeps the last ones.
     pub fn open(shell: &Shell, holds: bool) -> Result<Scans> {
         let kept = if holds { KEPT } else { 0 };
         Ok(Scans {
@@ -38,7 +38,7 @@ impl Scans {
         })
     }
 
-    /// Takes the scans of a run that arrived, and shows each of them.
+    /// Takes the scans of a run that arrived, and calls `show` for each of them.
     pub fn take(
         &mut self,
         run: &RunDescription,
@@ -48,7 +48,7 @@ impl Scans {
             (self.run_id, self.count_sent, self.ahead) = (run.run_id, 0, None);
             self.held.clear();
         }
-        // Bounded: an ingest that publishes without end stops nothing else.
+        // Bounded: an ingest that publishes without pause must not block the caller.
         for _ in 0..2 * Topic::POINTS.buffer {
             if self.held.len() > self.kept {
                 self.held.remove(PINNED);
@@ -68,8 +68,8 @@ impl Scans {
         Ok(())
     }
 
-    /// The newest scan, once, where its frame is still to come (`done`: one more than the last frame's sequence) and no other
-    /// scan was given ahead of one that is still to come.
+    /// The newest scan, returned once, if its frame is still to come (`done`: one more than the last frame's sequence) and no
+    /// other scan whose frame is still to come was returned before.
     pub(crate) fn ahead(&mut self, done: u64) -> Option<&Message<Point>> {
         let is_open = |sequence: u64| sequence >= done;
         let newest = self.held.back()?;
@@ -81,14 +81,14 @@ impl Scans {
         Some(newest)
     }
 
-    /// No frame is on its way: where ingest is gone, the scans that it left keep its memory, which the next one may need.
+    /// Called while no frame is in the pipeline. Drops the scans of an ingest that is gone: they keep its memory, which the next one may need.
     pub(crate) fn let_orphans_go(&mut self) {
         if !self.held.is_empty() && self.input.producers() == 0 {
             self.held.clear();
         }
     }
 
-    /// What ends a wait for the next scan, where scans are held.
+    /// The listener that ends a wait for the next scan; `None` if no scans are kept.
     pub(crate) fn wake(&self) -> Option<Wake> {
         self.input.wake()
     }
@@ -98,7 +98,7 @@ impl Scans {
         self.count_sent
     }
 
-    /// A frame was refined: lets go what no later frame can ask for.
+    /// Called when a frame was refined: releases the scans that no later frame can need.
     pub fn let_go(&mut self) {
         while self.held.len() > PINNED {
             self.held.pop_front();

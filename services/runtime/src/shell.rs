@@ -14,42 +14,42 @@ use crate::{
 };
 use crate::{error::Result, health::Heartbeat, input::Wake, manager::Manager, node::IpcNode};
 
-/// Between two looks for new segments.
+/// Time between two checks for new segments, ns.
 const TOUCH_PERIOD_NS: u64 = 100_000_000;
-/// Between two looks for the first description of a run.
+/// Time between two polls for the first description of a run.
 const RUN_POLL: Duration = Duration::from_millis(5);
-/// How often a waiting process looks around: also the longest time until it sees a signal.
+/// Poll interval of a waiting process: also the longest time until it sees a signal.
 const TICK: Duration = Duration::from_millis(50);
 
-/// A process of an instance: ports, waiting, health, and leaving without a trace. Drop the ports first.
+/// A process of an instance: ports, waiting, health, and cleanup at the end. Drop the ports first.
 pub struct Shell {
     // Fields drop in this order: ports, node, claim, membership.
     pub(crate) heartbeat: Option<Heartbeat>,
     run: RunWatch,
-    /// Describes the run, where this process does.
+    /// Publishes the description of the run; `None` if this process does not describe it.
     run_writer: Option<(Output<RunDescription>, Claim)>,
     node: IpcNode,
     claim: Option<Claim>,
     membership: Membership,
-    /// Inputs opened from now on look up each payload in `/proc/self/maps` (about 0.1 ms a message) and fail when it is no shared memory.
+    /// Inputs that are opened later look up each payload in `/proc/self/maps` (about 0.1 ms per message) and fail if it is not in shared memory.
     pub verify_mapping: bool,
-    /// Pages of shared memory are touched before the first frame does.
+    /// Whether pages of shared memory are touched before the first frame uses them.
     pub prefaults: bool,
     prefault: Prefault,
     touched_ns: u64,
     shutdown: Shutdown,
-    /// Where systemd started this process.
+    /// Set if systemd started this process.
     manager: Option<Manager>,
-    /// Since when no message came that was waited for, and whether this was said.
+    /// Since when the awaited message is missing, ns, and whether this was reported.
     silence: Option<(u64, bool)>,
-    /// Published with every heartbeat; the program counts in it.
+    /// Published with every heartbeat; the program updates its counters.
     pub health: Health,
 }
 
-/// A process that has the role and is leaving gets this long.
+/// How long to wait for a process that has the role and is ending.
 const LEAVING_PATIENCE: Duration = Duration::from_secs(2);
 
-/// Waits for a predecessor in the role, outside of the instance: the predecessor may be alone there, and removes its files.
+/// Joins. While a predecessor has the role, it waits outside of the instance: a predecessor that is alone there removes its files.
 fn join_as(instance: &Instance, role: Option<&str>) -> Result<(Membership, Option<Claim>)> {
     let begun = Instant::now();
     loop {
@@ -63,11 +63,11 @@ fn join_as(instance: &Instance, role: Option<&str>) -> Result<(Membership, Optio
     }
 }
 
-/// What a wait with a timeout ends with.
+/// The result of a wait with a timeout.
 pub enum Next<T: Payload> {
     /// The newest message.
     Message(Message<T>),
-    /// None came.
+    /// No message came.
     Timeout,
     /// This process was asked to end.
     Stopping,
@@ -83,8 +83,8 @@ impl Shell {
         Ok(shell)
     }
 
-    /// Joins as one that looks on: supervisor, status. With a `role`, only one process may have it. One without clears away those that
-    /// were killed: they would keep their places for ever.
+    /// Joins as an observer: supervisor, status. Only one process may have a given `role`. An observer without a role cleans up after
+    /// killed processes, which would otherwise keep their slots for ever.
     pub fn observer(instance: &Instance, role: Option<&str>, shutdown: Shutdown) -> Result<Shell> {
         Shell::join(instance, role, role.is_none(), shutdown)
     }
@@ -120,8 +120,8 @@ impl Shell {
         })
     }
 
-    /// Removes what processes that were killed left, where others of the instance are alive. iceoryx2's cleaning may hang: for a
-    /// process of its own, which can be killed.
+    /// Removes what killed processes left while others of the instance are alive. iceoryx2's cleaning may hang: call this in a
+    /// separate process, which can be killed.
     pub fn remove_dead(instance: &Instance) -> Result<()> {
         Shell::join(instance, None, true, Shutdown::default()).map(drop)
     }
@@ -131,14 +131,14 @@ impl Shell {
         self.node.has_dead()
     }
 
-    /// Notes which frame is being worked on, for whoever asks what this process died of.
+    /// Notes which frame is being worked on, so that others can find out which frame this process died of.
     pub fn note_frame(&self, sequence: Option<u64>) {
         if let Some(Err(error)) = self.claim.as_ref().map(|claim| claim.note_frame(sequence)) {
             tracing::debug!(%error, "noting the frame");
         }
     }
 
-    /// The shared segment (its inode) that `elements` lie in; `None` when they lie elsewhere. For proofs, not for frames.
+    /// The shared segment (its inode) that `elements` lie in; `None` when they lie elsewhere. For proofs, not for every frame.
     pub fn segment_of<T>(&self, elements: &[T]) -> Option<u64> {
         mapping::segment_of(self.instance(), elements).map(|mapping| mapping.inode)
     }
@@ -148,15 +148,15 @@ impl Shell {
         self.shutdown.is_requested()
     }
 
-    /// Which pipeline.
+    /// The pipeline that this process belongs to.
     pub fn instance(&self) -> &Instance {
         &self.node.instance
     }
 
-    /// Begins a new run and describes it to everybody, now and later. False: another process of the instance describes the
-    /// run already ([`Shell::await_run`] gives its description).
+    /// Begins a new run and describes it to all readers, now and later. False: another process of the instance already describes
+    /// the run ([`Shell::await_run`] waits for its description).
     pub fn begin_run(&mut self, description: &RunDescription) -> Result<bool> {
-        // Of the run that this process began before.
+        // Drops the writer of the run that this process began before.
         self.run_writer = None;
         let claim = match self.membership.claim(run::ROLE) {
             Err(RuntimeError::AlreadyRunning(..)) => return Ok(false),
@@ -169,7 +169,7 @@ impl Shell {
         Ok(true)
     }
 
-    /// Describes the run that this process has begun, anew. Nothing where another process has begun it.
+    /// Publishes a new description of the run that this process has begun. Does nothing if another process has begun the run.
     pub fn describe_run(&mut self, description: &RunDescription) -> Result<()> {
         let mut header = FrameHeader::new(0, run::ROLE);
         header.run_id = description.run_id;
@@ -201,7 +201,7 @@ impl Shell {
         self.beat()
     }
 
-    /// Waits until a run is known, with heartbeats. False: the time is over, or this process was asked to end.
+    /// Waits until a run is known, and sends heartbeats. False: the timeout has passed, or this process was asked to end.
     pub fn await_run(&mut self, timeout: Duration) -> Result<bool> {
         let begun_ns = monotonic_ns();
         while self.run().is_none() {
@@ -209,7 +209,7 @@ impl Shell {
             if self.is_stopping() || Duration::from_nanos(now_ns - begun_ns) > timeout {
                 return Ok(false);
             }
-            // Over the calls, which may be shorter than the silence.
+            // Counted across calls, because one call may be shorter than the silence.
             let (since_ns, is_said) = self.silence.get_or_insert((begun_ns, false));
             let is_long = Duration::from_nanos(now_ns - *since_ns) > Topic::SILENCE_MAX;
             if is_long && !std::mem::replace(is_said, true) {
@@ -242,7 +242,7 @@ impl Shell {
         self.open_input(topic, true)
     }
 
-    /// The consumer's end of a topic that this process only looks at.
+    /// The consumer's end of a topic that this process polls: the producer does not end its waits.
     pub fn side_input<T: Payload>(&self, topic: &Topic) -> Result<Input<T>> {
         self.open_input(topic, false)
     }
@@ -258,15 +258,15 @@ impl Shell {
         HealthWatch::open(&self.node)
     }
 
-    /// What the pipeline is worth.
+    /// The pipeline's status.
     pub fn status_watch(&self) -> Result<StatusWatch> {
         StatusWatch::open(&self.node)
     }
 
-    /// Waits for the newest message, with heartbeats; gives up after `timeout`. After [`Topic::SILENCE_MAX`], counted over the
-    /// calls, it says what it waits for.
+    /// Waits for the newest message, at most `timeout`, and sends heartbeats. After [`Topic::SILENCE_MAX`], counted across calls,
+    /// it reports what it waits for.
     ///
-    /// `on_tick` is told the run and whether there is time, because no message has come. What it gives is slept on in the input's place.
+    /// `on_tick` gets the run, and whether there is time because no message has come. If it returns a listener, the wait uses that one.
     pub(crate) fn next_within<T: Payload>(
         &mut self,
         input: &mut Input<T>,
@@ -280,7 +280,7 @@ impl Shell {
                 return Ok(Next::Stopping);
             }
             self.follow_run()?;
-            // A wake-up whose message was taken already ends the wait below early, once: forgetting it here would cost two
+            // The wake-up of a message that was already taken ends the wait below early, once. Clearing it here would cost two
             // system calls between a wake-up and its message.
             let message = input.newest()?;
             let wake = on_tick(self.run(), message.is_none())?;
@@ -292,8 +292,8 @@ impl Shell {
                 return Ok(Next::Message(message));
             }
             self.say_silence(input)?;
-            // Only while there is nothing to do: reading this process's map takes 0.1 ms, for which the consumer of a
-            // message just sent may wait where cores are few.
+            // Only while there is nothing to do: reading this process's memory map takes 0.1 ms. With few cores, the consumer of
+            // a message that was just sent may have to wait that long.
             if monotonic_ns() - self.touched_ns >= TOUCH_PERIOD_NS {
                 self.touch()?;
             }
@@ -309,7 +309,7 @@ impl Shell {
         }
     }
 
-    /// Says once what is missing.
+    /// Reports once what is missing.
     fn say_silence<T: Payload>(&mut self, input: &Input<T>) -> Result<()> {
         let Some((since_ns, is_said @ false)) = &mut self.silence else {
             return Ok(());
@@ -327,14 +327,14 @@ impl Shell {
         self.state(HealthState::WaitingInput, &reason)
     }
 
-    /// Refuses a message that breaks the contract or comes of another model: counted, said, and the next one is taken.
+    /// Refuses a message that breaks the contract or belongs to another model: it is counted and reported, and the next one is taken.
     pub fn refuse(&mut self, why: &str) -> Result<()> {
         self.health.messages_refused += 1;
         tracing::warn!("message refused: {why}");
         self.state(HealthState::Degraded, why)
     }
 
-    /// Says how this stage is; published when it changes.
+    /// Sets the state of this stage and its reason; a change is published at once.
     pub fn state(&mut self, state: HealthState, reason: &str) -> Result<()> {
         let said = (state as u32, Text::pack(reason));
         if (self.health.state, self.health.reason) == said {
@@ -347,14 +347,14 @@ impl Shell {
         self.beat()
     }
 
-    /// Tells systemd that this process does its work now.
+    /// Reports to systemd that this process is ready.
     pub fn say_ready(&mut self) {
         if let Some(manager) = &mut self.manager {
             manager.ready();
         }
     }
 
-    /// What is to be done now and then: a look for a new run, the description for late readers, a heartbeat.
+    /// Periodic work: checks for a new run, sends the description to late readers, and sends a heartbeat when it is due.
     pub fn tick(&mut self) -> Result<()> {
         if let Some(manager) = &mut self.manager {
             manager.alive();
@@ -368,13 +368,13 @@ impl Shell {
         heartbeat.map_or(Ok(()), |heartbeat| heartbeat.keep_up(&self.health))
     }
 
-    /// A heartbeat now.
+    /// Sends a heartbeat now.
     pub fn beat(&mut self) -> Result<()> {
         let heartbeat = self.heartbeat.as_mut();
         heartbeat.map_or(Ok(()), |heartbeat| heartbeat.publish(&self.health))
     }
 
-    /// Touches segments that other processes made, with heartbeats.
+    /// Touches segments that other processes made, and sends heartbeats meanwhile.
     fn touch(&mut self) -> Result<()> {
         self.touched_ns = monotonic_ns();
         if self.prefaults {

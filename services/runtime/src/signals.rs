@@ -1,4 +1,4 @@
-//! SIGTERM and SIGINT set a flag, SIGHUP another; the loops look at them.
+//! SIGTERM and SIGINT set one flag, SIGHUP sets another. The loops check these flags.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,12 +8,12 @@ use signal_hook::flag;
 
 use crate::{RuntimeError, error::Result};
 
-/// Whether this process was asked to end. Clones share the flag. The default: one that only [`Shutdown::request`] sets.
+/// Whether this process was asked to end. Clones share the flag. The default is a flag that only [`Shutdown::request`] sets.
 #[derive(Clone, Debug, Default)]
 pub struct Shutdown(Arc<AtomicBool>);
 
 impl Shutdown {
-    /// Listens for SIGTERM and SIGINT. Any number of them asks once: what ends this way always cleans up (SIGQUIT and SIGKILL end a process at once).
+    /// Listens for SIGTERM and SIGINT. Repeated signals have no further effect: the process always cleans up. SIGQUIT and SIGKILL end it at once.
     pub fn on_signals() -> Result<Shutdown> {
         let shutdown = Shutdown::default();
         for signal in [SIGTERM, SIGINT] {
@@ -34,7 +34,7 @@ impl Shutdown {
     }
 }
 
-/// Listens for SIGHUP: each one asks for a look at the settings, and sets the flag.
+/// Listens for SIGHUP. Each signal sets the flag, which requests a reload of the settings.
 pub fn reload_flag() -> Result<Arc<AtomicBool>> {
     let flag = Arc::default();
     let done = flag::register(SIGHUP, Arc::clone(&flag)).map(|_| flag);

@@ -1,4 +1,4 @@
-//! A stage's process, but for its algorithm: take, check, count, stamp, publish.
+//! A stage's process without its algorithm: take, check, count, stamp, publish.
 
 use std::time::Duration;
 
@@ -21,23 +21,23 @@ pub enum StageError {
 }
 
 impl StageError {
-    /// For `map_err` on an algorithm's own errors.
+    /// Wraps an algorithm's own error, for `map_err`.
     pub fn failed(error: impl std::error::Error + Send + Sync + 'static) -> StageError {
         StageError::Failed(Box::new(error))
     }
 }
 
-/// What a stage is, besides its process.
+/// The algorithm of a stage, separate from its process.
 pub trait Algorithm {
-    /// Which one.
+    /// The stage that this algorithm belongs to.
     const STAGE: Stage;
-    /// Element of what it takes.
+    /// Element of the input messages.
     type Input: Payload;
-    /// Element of what it gives.
+    /// Element of the output messages.
     type Output: Payload;
 
-    /// Checks and computes a frame, and says in the header what was out of the ordinary. Gives the elements of the result.
-    /// `elements`: the message's, where they lie in shared memory. `points`: the frame's, for the refiner; `None`: they are gone.
+    /// Checks and computes a frame, and flags in the header what was out of the ordinary. Returns the result's number of elements.
+    /// `elements`: the message's elements in shared memory. `points`: the frame's points, for the refiner; `None`: they are gone.
     fn run(
         &mut self,
         header: &mut FrameHeader,
@@ -45,29 +45,29 @@ pub trait Algorithm {
         points: Option<&[Point]>,
     ) -> Result<usize, StageError>;
 
-    /// Work on the points of a frame whose input is still to come, for a stage that holds them: they may be any, and the frame may never come.
+    /// Early work on the points of a frame whose input is still to come, if the stage keeps points. They are unchecked; the frame may never come.
     fn read_ahead(&mut self, _header: &FrameHeader, _points: &[Point]) {}
 
     /// Writes the result to shared memory.
     fn write(&mut self, output: &mut [Self::Output]) -> Result<(), StageError>;
 
-    /// Publishes what goes out before the result; gives its bytes.
+    /// Publishes messages that must precede the result; returns their bytes.
     fn publish_aside(&mut self, _header: &FrameHeader) -> Result<usize, RuntimeError> {
         Ok(0)
     }
 
-    /// Adds to what the stage counts.
+    /// Adds to the stage's counters.
     fn count(&self, _shell: &mut Shell) {}
 }
 
-/// Runs a stage behind ingest until it is asked to end. `elements_max`: of its largest result.
+/// Runs a stage after ingest until it is asked to end. `elements_max`: number of elements of its largest result.
 pub fn run_stage<A: Algorithm>(
     shell: &mut Shell,
     elements_max: usize,
     mut algorithm: A,
 ) -> Result<(), StageError> {
     let stage = A::STAGE;
-    // Topics, and whether the scans are held beside them; `None`: they are the input.
+    // Input topic, output topic, and whether scans are kept as well; `None`: the scans are the input.
     let (from, to, holds) = match stage {
         Stage::Ingest | Stage::Backbone => (&Topic::POINTS, &Topic::FEATURES, None),
         Stage::Head => (&Topic::FEATURES, &Topic::DETECTIONS, Some(false)),
@@ -121,7 +121,7 @@ pub fn stamp_published(stage: Stage, header: &mut FrameHeader) {
     header.stamps_mut(stage).published_ns = monotonic_ns();
 }
 
-/// A frame left: counts it and its time.
+/// Counts a published frame and records its computing time.
 pub fn count_frame(shell: &mut Shell, stage: Stage, header: &FrameHeader) {
     let stamps = header.stages[stage as usize];
     if let Some(heartbeat) = &mut shell.heartbeat {
@@ -131,7 +131,7 @@ pub fn count_frame(shell: &mut Shell, stage: Stage, header: &FrameHeader) {
     shell.note_frame(None);
 }
 
-/// The same of a stage that has no complaint.
+/// Calls [`count_frame`] and sets the state to running, for a stage without a complaint.
 pub fn finish(shell: &mut Shell, stage: Stage, header: &FrameHeader) -> Result<(), RuntimeError> {
     count_frame(shell, stage, header);
     shell.state(HealthState::Running, "")?;

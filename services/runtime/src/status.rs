@@ -24,7 +24,7 @@ impl StatusWatch {
         Ok(last.map(|status| status.at(monotonic_ns())))
     }
 
-    /// The same as of when it was judged. What breaks the contract is left out.
+    /// The last status as it was published. A status that breaks the contract is ignored.
     pub fn last(&mut self) -> Result<Option<Status>> {
         if let Some(message) = self.input.newest()?
             && let [status] = message.elements()

@@ -17,7 +17,7 @@ fn entries(folder: &Path) -> impl Iterator<Item = fs::DirEntry> {
     fs::read_dir(folder).into_iter().flatten().flatten()
 }
 
-/// Removes all segments, and all of the root folder but the file named `keep`. Only for the one process that is alone. Returns how many things there were.
+/// Removes all segments, and all of the root folder except the file named `keep`. Only for a process that is alone. Returns the number removed.
 pub(crate) fn wipe(instance: &Instance, keep: &str) -> usize {
     let inner = entries(instance.root()).filter(|entry| entry.file_name() != keep);
     let paths = segments(instance).into_iter();
@@ -26,7 +26,7 @@ pub(crate) fn wipe(instance: &Instance, keep: &str) -> usize {
     paths.filter(|path| remove(path).is_ok()).count()
 }
 
-/// After a wipe: what is still there belongs to another user, who may have prepared it for us.
+/// Called after a wipe. A segment that is still there belongs to another user, who may have put it there on purpose: an error.
 pub(crate) fn check_empty(instance: &Instance) -> Result<()> {
     let Some(path) = segments(instance).into_iter().next() else {
         return Ok(());
@@ -38,9 +38,9 @@ pub(crate) fn check_empty(instance: &Instance) -> Result<()> {
     Err(RuntimeError::instance(instance.name(), cause))
 }
 
-/// Removes segments of 0 bytes that a killed process left while it made them: iceoryx2 0.10's cleaning of dead
-/// processes would wait on such a connection for ever. Whoever makes a segment holds it open until it has its size: one that
-/// nobody holds has a dead maker. (The processes of an instance must see each other in `/proc`.)
+/// Removes segments of 0 bytes, left by a process that was killed while it made them: iceoryx2 0.10's cleaning of dead
+/// processes would wait on such a connection for ever. The maker of a segment keeps it open until it has its size, so the maker of
+/// an empty segment that no process has open is dead. (The processes of an instance must see each other in `/proc`.)
 pub(crate) fn sweep_stillborn(instance: &Instance) -> usize {
     let is_empty = |path: &PathBuf| fs::symlink_metadata(path).is_ok_and(|about| about.len() == 0);
     let mut empty = segments(instance);
@@ -66,15 +66,15 @@ fn open_segments() -> HashSet<PathBuf> {
     own.collect()
 }
 
-/// iceoryx2 0.10 makes its management segment writable for everybody, and one byte from another user would stop every later
-/// start. Made before it asks, with its content (version 0.10.0, no node counted) and for this user alone, it is only opened.
+/// iceoryx2 0.10 makes its management segment writable for everybody, and one byte from another user would stop every later start.
+/// This makes it first, for this user alone and with its content (version 0.10.0, no node counted), so that iceoryx2 only opens it.
 pub(crate) fn make_management_segment(instance: &Instance) -> Result<()> {
     // iceoryx2 puts a hash of the content's type before its own name.
     const NAME: &str = "9204dd183d1c4d8e1ff592a30766ffa6765aa8b5_node.0_10_0.global_mgmt";
     const VERSION: u64 = 10 << 16;
     let path = PathBuf::from(format!("{SHARED_MEMORY}/{}{NAME}", instance.prefix()));
     let failed = || RuntimeError::io("making", &path);
-    // It appears under its name when it is whole, and never replaces another one. Two threads may make it at once.
+    // It appears under its name only when it is complete, and never replaces another one. Two threads may make it at the same time.
     static CALLS: AtomicU32 = AtomicU32::new(0);
     let call = CALLS.fetch_add(1, Ordering::Relaxed);
     let own = format!("management.{}.{call}", std::process::id());
@@ -93,7 +93,7 @@ pub(crate) fn make_management_segment(instance: &Instance) -> Result<()> {
     }
 }
 
-/// Refuses a segment of another user, or a link: who made it between a look and this moment could write what we read.
+/// Refuses a segment of another user, or a link: another user who made it in the meantime could write what this process reads.
 fn check_owner(path: &Path) -> Result<()> {
     use std::os::unix::fs::MetadataExt;
     let about = fs::symlink_metadata(path).map_err(RuntimeError::io("looking at", path))?;
@@ -103,7 +103,7 @@ fn check_owner(path: &Path) -> Result<()> {
     ours.map_err(RuntimeError::io("using", path))
 }
 
-/// Where iceoryx2 made its management segment all the same, under another name.
+/// Closes a management segment to other users if iceoryx2 made it under another name.
 pub(crate) fn close_to_others(instance: &Instance) {
     use std::os::unix::fs::PermissionsExt;
     let mut management = segments(instance);

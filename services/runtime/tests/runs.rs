@@ -1,4 +1,4 @@
-//! What is not of this run, of this model, or out of sequence is never used; heartbeats that make no sense are left out.
+//! Frames of another run or model, or out of sequence, are never used. Heartbeats that make no sense are ignored.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use mluc_runtime::{
 };
 
 const MODEL: u64 = 42;
-/// What the run changes to.
+/// The model that the run changes to.
 const OTHER_MODEL: u64 = 40;
 
 fn instance(label: &str) -> Instance {
@@ -38,7 +38,7 @@ fn description() -> RunDescription {
     }
 }
 
-/// The stages before a consumer, as hostile as one likes.
+/// The stages before a consumer; a test may make them hostile.
 struct Others {
     points: Output<Point>,
     detections: Output<Detection>,
@@ -90,7 +90,7 @@ fn frames<T: Payload>(shell: &Shell, topic: &Topic, holds_scans: bool) -> Frames
     Frames::new(shell, topic, Some(scans)).unwrap()
 }
 
-/// The sequence that is taken, or `None`: refused.
+/// The sequence of the frame that is taken; `None`: no frame is taken.
 fn taken<T: Payload>(
     frames: &mut Frames<T>,
     shell: &mut Shell,
@@ -151,7 +151,7 @@ fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
         let counts = counters.map(|c| (c.messages_refused, c.frames_dropped));
         (of_head, counts)
     };
-    // Both learn of the run.
+    // Both consumers get the description of the run.
     assert_eq!(both(&mut others).0, None);
     others.scan(3);
     others.send(|_| (), 3);
@@ -173,7 +173,7 @@ fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
         assert_eq!(frame, None, "{what}");
         assert_eq!(counts, [(number as u64 + 1, 0); 2], "{what}");
     }
-    // Sent again, with the run's other model: taken. A gap: counted.
+    // A frame that is sent again with the run's other model is taken. A gap is counted.
     others.send(|header| header.model_fingerprint = OTHER_MODEL, 3);
     assert_eq!(both(&mut others).0, Some(3));
     others.scan(6);
@@ -234,7 +234,7 @@ fn a_heartbeat_that_makes_no_sense_is_left_out() {
     assert!(watch.of(Stage::Refiner).is_some() && !watch.is_ready(Stage::Refiner));
     others.shell.tick().unwrap();
     watch.update().unwrap();
-    // What else a heartbeat may not say is a promise of its own check.
+    // The tests of `Health::checked` cover further invalid heartbeats.
     let changes: [&dyn Fn(&mut Health); 5] = [
         &|h| *h = bytemuck::cast([0xa5u8; size_of::<Health>()]),
         &|h| *h = Health::zeroed(),

@@ -1,4 +1,4 @@
-//! Two processes' worth of ports in one process: each shell maps the segments itself.
+//! The ports of two processes, in one process: each shell maps the segments itself.
 
 use mluc_ipc_types::{FeatureBlock, FrameHeader, Point, Stage, Topic};
 use mluc_runtime::{Input, Instance, Output, Payload, RuntimeError, Shell, Shutdown};
@@ -13,7 +13,7 @@ fn stage(instance: &Instance, stage: Stage) -> Shell {
     shell
 }
 
-/// A producer and a consumer, the one's output and the other's input.
+/// The shells of a producer and a consumer, the producer's output and the consumer's input.
 fn pair<T: Payload>(
     label: &str,
     topic: &Topic,

@@ -1,4 +1,4 @@
-//! How an input is read, on a command line.
+//! Command-line options that set how an input is read.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::files::Layout;
 use crate::shard::shard;
 
-/// Under what the options of the input stand in the help.
+/// The heading of the input's options in the help.
 pub const INPUT: &str = "Input";
 
 /// How to read files of points, where they are not as KITTI's.
@@ -52,7 +52,7 @@ pub struct LayoutArgs {
 }
 
 impl LayoutArgs {
-    /// With defaults where nothing was given.
+    /// The layout, with defaults where nothing was given.
     pub fn layout(&self) -> anyhow::Result<Layout> {
         Ok(toml::Table::try_from(self)?.try_into()?)
     }

@@ -8,19 +8,19 @@ use mluc_ipc_types::Flags;
 use crate::packets::{Calibration, Decoder, Revolution};
 use crate::{Next, Scan, files::Layout, numbered, pcap::Capture, rounds::Rounds};
 
-/// Datagrams until the caller is asked to come again: it has heartbeats to send.
+/// Datagrams per call. After these the caller must call again, because it has heartbeats to send.
 const LOOKS_MAX: u32 = 2000;
 
-/// A capture that is decoded as it is read; its sensor's turns are numbered, the parts of turns at its start and end too.
+/// A capture that is decoded as it is read. The sensor's turns are numbered, including the partial turns at its start and end.
 pub(crate) struct CaptureScans {
     path: PathBuf,
     layout: Layout,
     calibration: Option<Calibration>,
     capture: Capture,
     decoder: Decoder,
-    /// Of the next turn.
+    /// Number of the next turn.
     sequence: u64,
-    /// By the times at which turns were received.
+    /// Uses the times at which turns were received.
     rounds: Rounds,
 }
 
@@ -41,7 +41,7 @@ impl CaptureScans {
         })
     }
 
-    /// Decodes on to the turn of a number, unless that is loaded; `repeat`: after the capture's end it begins again.
+    /// Decodes up to the turn with a number, unless that turn is loaded. `repeat`: the capture begins again after its end.
     pub(crate) fn load(&mut self, sequence: u64, repeat: bool, scan: &mut Scan) -> Result<Next> {
         if sequence < self.sequence {
             return Ok(Next::Scan);
@@ -91,7 +91,7 @@ impl CaptureScans {
     }
 }
 
-/// Of the unit, where one is given.
+/// The calibration of the sensor's unit, where one is given.
 pub(crate) fn calibration(layout: &Layout) -> Result<Option<Calibration>> {
     let Some(path) = &layout.calibration else {
         return Ok(None);
@@ -102,7 +102,7 @@ pub(crate) fn calibration(layout: &Layout) -> Result<Option<Calibration>> {
 }
 
 impl Scan {
-    /// A turn of the sensor as a scan.
+    /// Fills the scan from a turn of the sensor.
     pub(crate) fn take(&mut self, turn: &Revolution, sequence: u64, layout: &Layout) {
         self.bytes.clear();
         let placed = layout.placing();
@@ -132,7 +132,7 @@ mod tests {
     use crate::packets::tests::{HOUR_NS, velodyne};
     use crate::pcap::tests::{ethernet, pcap};
 
-    /// Packets of a VLP-16 from the middle of a turn to the middle of the fourth: two whole ones.
+    /// Packets of a VLP-16 from the middle of a turn to the middle of the fourth: two whole turns.
     fn frames() -> Vec<Vec<u8>> {
         let packet = |n: u64| velodyne([34, 1, 40, 55, 0], n as u32, HOUR_NS + n * 1_327_104);
         (37..37 + 225).map(|n| ethernet(&packet(n))).collect()

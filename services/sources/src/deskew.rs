@@ -1,21 +1,21 @@
-//! Points of a sensor that moved while it turned, as if it had stood where it was at one time.
+//! Corrects points for the sensor's motion during a turn, as if the sensor had stayed where it was at one time.
 
 use nalgebra::{IsometryMatrix3, Point3};
 
-/// Poses of a turn: 10 Hz and 40 m/s are 4 mm from one to the next.
+/// Steps per turn. At 10 Hz and 40 m/s, one step is 4 mm.
 const STEPS: usize = 1000;
 
-/// A sensor's motion over one turn: constant velocity, constant rate of turning.
+/// A sensor's motion over one turn: constant velocity, constant turn rate.
 pub struct Deskew {
-    /// The sensor at each step, in the frame that points are moved to.
+    /// Pose of the sensor at each step, in the frame that points are moved to.
     frame_from_sensor: Vec<IsometryMatrix3<f32>>,
     first_s: f64,
     steps_per_s: f64,
 }
 
 impl Deskew {
-    /// `times_s`: of two points, the first and the last as a rule, counted from the time in whose frame points are wanted. `poses`: the sensor's at these times, in a
-    /// frame that stands still. `None`: the times do not ascend, or half a turn lies between the poses.
+    /// `times_s`: times of two points, usually the first and the last, relative to the time whose frame points are moved to. `poses`: poses of the
+    /// sensor at these times in a fixed frame. `None`: the times do not ascend, or the poses differ by half a turn.
     pub fn new(times_s: [f64; 2], poses: [IsometryMatrix3<f64>; 2]) -> Option<Deskew> {
         let [first_s, last_s] = times_s;
         let span_s = last_s - first_s;
@@ -32,7 +32,7 @@ impl Deskew {
         })
     }
 
-    /// A point (m) that the sensor saw at a time (s), where it is in the frame. Times beyond the first and the last count as these.
+    /// Moves a point (m) that the sensor saw at a time (s) into the frame. Times before the first or after the last are clamped to these.
     pub fn moved(&self, time_s: f64, point_m: [f32; 3]) -> [f32; 3] {
         let step = ((time_s - self.first_s) * self.steps_per_s + 0.5) as usize;
         (self.frame_from_sensor[step.min(STEPS)] * Point3::from(point_m)).into()

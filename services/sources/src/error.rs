@@ -1,12 +1,12 @@
-//! What keeps a source from giving scans.
+//! Errors that keep a source from giving scans.
 
 use std::fmt::Display;
 
-/// A source that cannot be used. What is wrong with single packets is counted instead.
+/// A source that cannot be used. Faults of single packets are counted instead.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
-    /// A field of a file of points, of its layout, or of a calibration; a file of another format; packets of no known sensor, or of another one than
-    /// the calibration's: which field or file, what would be understood, what came.
+    /// The field or file, what was expected and what was found. Causes: a field of a file of points, of its layout or of a calibration; a file of
+    /// another format; packets of no known sensor, or of another sensor than the calibration's.
     #[error("{0}")]
     Unexpected(String),
     /// A file or socket that the system refuses: its path or address, and the system's answer.
@@ -24,7 +24,7 @@ impl SourceError {
     }
 }
 
-/// The answer to what is not as expected.
+/// The error for a value that is not as expected.
 pub(crate) fn refused<T>(
     place: impl Display,
     expected: impl Display,

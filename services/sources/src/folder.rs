@@ -1,4 +1,4 @@
-//! Scans in a folder: which files, in what order, with what stamps and poses.
+//! Scans in a folder: their files, order, stamps and poses.
 
 use std::fs::{self, File};
 use std::io::Read;
@@ -11,19 +11,19 @@ use crate::files::{self, Format, Layout};
 use crate::motion::{NO_TIMES, Trajectory};
 use crate::{Scan, SourceError, ending, merged::pose as pose_of, refused};
 
-/// Bytes read of one scan: 4 million points; the rest could not be used anyway.
+/// Maximum number of bytes read from one scan: 4 million points; the rest could not be used anyway.
 const SCAN_BYTES_MAX: u64 = 64 << 20;
-/// Scans whose sizes are looked at before a run.
+/// Number of scans whose sizes are checked before a run.
 const SIZES: usize = 5;
-/// Bytes of the first one that are looked at.
+/// Number of bytes of the first scan that are checked.
 const START_BYTES: u64 = 1 << 20;
-/// Scans of one run; a guess far above any recording.
+/// Maximum number of scans in one run; a guess far above any recording.
 const SCANS_MAX: usize = 1_000_000;
 
-/// A folder of scans, or one.
+/// A folder of scans, or a single scan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Folder {
-    /// Their files, in order.
+    /// Files of the scans, in order.
     pub(crate) scans: Vec<PathBuf>,
     /// The sensor's time of each scan, ns; from `timestamps.txt`.
     stamps_ns: Option<Vec<u64>>,
@@ -43,8 +43,8 @@ impl Folder {
         }
     }
 
-    /// `input`: one file of a [format](Format), or a folder of them, or a folder with such a `velodyne/` or KITTI raw's `velodyne_points/data/`. Errors:
-    /// none there, of several formats, more than a million.
+    /// `input`: one file of a [format](Format), a folder of such files, or a folder with them in `velodyne/` or KITTI raw's `velodyne_points/data/`.
+    /// Errors: no scans, scans of several formats, more than a million scans.
     pub(crate) fn find(input: &Path, layout: &Layout) -> anyhow::Result<Folder> {
         let name = input.display();
         let about = fs::metadata(input).with_context(|| format!("input {name}"))?;
@@ -82,7 +82,7 @@ impl Folder {
         bail!("input {name}: no scans ({endings}) there, nor in {below}")
     }
 
-    /// Refuses to correct scans for motion that have no stamps and poses, or whose first one has points without times.
+    /// Refuses motion correction if the scans have no stamps and poses, or if the points of the first scan have no times.
     pub(crate) fn check_motion(&self) -> anyhow::Result<()> {
         let is_known = self.stamps_ns.is_some() && self.poses.is_some();
         let expected = "expected poses.txt and timestamps.txt beside the scans";
@@ -94,7 +94,7 @@ impl Folder {
         Ok(())
     }
 
-    /// Refuses `.bin` files that have another number of columns than four. One of another size among some is cut short, and no reason.
+    /// Refuses `.bin` files whose number of columns is not four. A single file of another size among several is cut short and is no reason to refuse.
     pub(crate) fn check_columns(&self, scans: &[PathBuf]) -> Result<(), SourceError> {
         let is_plain = |path: &PathBuf| Format::of(path) == Some(Format::Bin);
         if !scans.iter().all(is_plain) {
@@ -111,17 +111,17 @@ impl Folder {
             let expected = format!("{} bytes a point, as --columns names {named}", 4 * named);
             return refused("size", &expected, format!("{} bytes", sizes[0]));
         }
-        // Of a pipe the size is 0, and what is read of it is gone.
+        // A pipe has size 0, and bytes read from it cannot be read again.
         let first = scans.first().filter(|_| sizes[0] > 0);
         let mut start = Vec::new();
         if let Some(Ok(file)) = first.map(File::open) {
-            // One that cannot be read is flagged when its turn comes.
+            // A file that cannot be read is flagged when it is loaded.
             let _ = file.take(START_BYTES).read_to_end(&mut start);
         }
         files::check_columns(&sizes, &start)
     }
 
-    /// The scan of a number that counts on over all rounds.
+    /// Loads the scan with this number; numbers continue over all rounds.
     pub(crate) fn load(&self, sequence: u64, scan: &mut Scan) {
         let index = (sequence % self.scans.len() as u64) as usize;
         scan.flags = self.read(index, scan);
@@ -139,7 +139,7 @@ impl Folder {
         scan.deskew(|after_s| trajectory.at(stamps_ns[index], after_s));
     }
 
-    /// All of a scan but its points.
+    /// Sets everything of a scan except its points.
     pub(crate) fn describe(&self, sequence: u64, scan: &mut Scan) {
         let index = (sequence % self.scans.len() as u64) as usize;
         scan.name = self.name(index);
@@ -159,7 +159,7 @@ impl Folder {
         file[..file.len() - ending.map_or(0, str::len)].to_string()
     }
 
-    /// Reads a scan into its memory, which is reused: x, y, z (m), intensity as f32, whatever the file's format. The flags say that it is longer than a scan can be,
+    /// Reads a scan of any format into `scan`, whose memory is reused: x, y, z (m), intensity as f32. The flags report a scan that is longer than allowed,
     /// ends too early, or could not be read.
     fn read(&self, index: usize, scan: &mut Scan) -> Flags {
         self.read_points(index, scan).unwrap_or_else(|error| {
@@ -170,7 +170,7 @@ impl Folder {
         })
     }
 
-    /// What ends early where the limit cut it is not damaged.
+    /// A scan that ends early because the limit cut it is not damaged.
     fn read_points(&self, index: usize, scan: &mut Scan) -> anyhow::Result<Flags> {
         let mut file = std::mem::take(&mut scan.bytes);
         file.clear();
@@ -192,7 +192,7 @@ impl Folder {
     }
 }
 
-/// When a scan comes after the first one, ns; `None` where the stamps do not differ.
+/// Time of a scan after the first one, ns; `None` if the stamps do not differ.
 fn offset_ns(stamps_ns: &[u64], sequence: u64) -> Option<u64> {
     let (count, span) = (stamps_ns.len() as u64, stamps_ns.last()? - stamps_ns[0]);
     // Each further round begins one mean period after the last stamp.
@@ -205,7 +205,7 @@ fn endings() -> String {
     Format::ENDINGS.map(|(ending, _)| ending).join(", ")
 }
 
-/// Why a file is no scan, and what helps.
+/// Error text: what was expected instead of this file, and a hint.
 fn refusal(input: &Path) -> String {
     let help = match ending(input).as_str() {
         "bag" | "db3" => "; `mcap convert IN OUT.mcap` makes an .mcap of it, which is read",
@@ -216,10 +216,10 @@ fn refusal(input: &Path) -> String {
     format!("expected a scan ({scan}), a capture, a recording (.mcap), or a folder{help}")
 }
 
-/// Where a folder's scans may lie.
+/// Subfolders in which a folder's scans may be; the last one is the folder itself.
 const PLACES: [&str; 3] = ["velodyne", "velodyne_points/data", ""];
 
-/// Whether there is a scan in one of its places.
+/// Whether the folder has a scan, directly or in one of these subfolders.
 pub(crate) fn has_scans(folder: &Path) -> bool {
     let scans = |inner| scan_files(&folder.join(inner), None);
     PLACES
@@ -227,14 +227,14 @@ pub(crate) fn has_scans(folder: &Path) -> bool {
         .any(|inner| scans(inner).is_ok_and(|scans| !scans.is_empty()))
 }
 
-/// Of one format, in order of their names, those after one; empty where there is no such folder.
+/// Scan files of one format in order of their names, only those that follow `after`; empty if the folder does not exist.
 pub(crate) fn scan_files(folder: &Path, after: Option<&Path>) -> anyhow::Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
     let name = folder.display();
     let entries = fs::read_dir(folder).with_context(|| format!("input {name}"))?;
-    // Hidden files are notes of another system.
+    // Hidden files are metadata of another system.
     let entries = entries.flatten();
     let entries = entries.filter(|entry| !entry.file_name().as_encoded_bytes().starts_with(b"."));
     let paths = entries.map(|entry| entry.path());
@@ -258,7 +258,7 @@ pub(crate) fn scan_files(folder: &Path, after: Option<&Path>) -> anyhow::Result<
     Ok(scans)
 }
 
-/// A name that sorts as numbers count: 9 before 10, and 1.25 before 1.5.
+/// A sort key in which numbers sort by value: 9 before 10, and 1.25 before 1.5.
 pub(crate) fn in_order(scan: &Path) -> (String, PathBuf) {
     let name = scan.to_string_lossy();
     let words = name.split_inclusive(|c: char| !c.is_ascii_digit());
@@ -283,7 +283,7 @@ fn beside(folder: &Path, name: &str) -> Option<PathBuf> {
     paths.find(|path| path.is_file())
 }
 
-/// KITTI raw's `timestamps.txt`: `2011-09-26 13:02:25.964389445`, a line a scan. A file that does not fit is logged and not used.
+/// KITTI raw's `timestamps.txt`: `2011-09-26 13:02:25.964389445`, one line per scan. A file that does not fit is logged and not used.
 fn stamps(folder: &Path, scans: usize) -> Option<Vec<u64>> {
     let path = beside(folder, "timestamps.txt")?;
     let text = fs::read_to_string(&path).ok()?;
@@ -309,8 +309,8 @@ fn stamp_ns(line: &str) -> Option<u64> {
     u64::try_from(since.as_nanos()).ok()
 }
 
-/// Reads `poses.txt` in the folder of scans or above it: `x y z yaw` of the sensor in a frame that stands still (m, rad), a line a scan; empty lines and those
-/// that begin with `#` are left out. None where there is no such file. Errors: another number of lines than scans, a line that is not four finite numbers.
+/// Reads `poses.txt` in the folder of scans or above it: `x y z yaw` of the sensor in a fixed frame (m, rad), one line per scan. Empty lines and lines
+/// that begin with `#` are skipped. `None` if there is no such file. Errors: not one line per scan, a line that is not four finite numbers.
 fn poses(folder: &Path, scans: usize) -> anyhow::Result<Option<Vec<EgoPose>>> {
     let Some(path) = beside(folder, "poses.txt") else {
         return Ok(None);

@@ -1,4 +1,4 @@
-//! A folder that another program writes scans into, one file a scan, with names that ascend: the newest whole one is the next.
+//! A folder that another program writes scans into: one file per scan, with ascending names. The newest complete file is the next scan.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,30 +9,30 @@ use anyhow::{Context, ensure};
 use crate::folder::{Folder, scan_files};
 use crate::{LiveScans, Next, Scan, files::Layout};
 
-/// What such an input begins with.
+/// Prefix of an input that is such a folder.
 pub const FOLLOW: &str = "follow:";
-/// The newest file is whole when it has not grown for so long; an older one when a newer one is there.
+/// The newest file is complete when it has not grown for this time. An older file is complete when a newer one exists.
 const SETTLED: Duration = Duration::from_millis(50);
-/// A folder that did not change for so long is not read again.
+/// A folder that has not changed for this time is not read again.
 const QUIET: Duration = Duration::from_secs(1);
-/// Silence is told after so long.
+/// Silence is reported after this time.
 const SILENCE: Duration = Duration::from_secs(1);
 
 pub(crate) struct Growing {
     path: PathBuf,
     /// The scan that was loaded last.
     folder: Folder,
-    /// The newest file, its bytes, and since when it has had them.
+    /// The newest file, its size in bytes, and when this size was first seen.
     newest: Option<(PathBuf, u64, Instant)>,
-    /// Of the scan that was loaded last, its bytes then.
+    /// Size that the last loaded scan's file had when it was loaded, bytes.
     bytes: u64,
     heard: Instant,
-    /// When the folder changed last, by the clock of its disk, and when that was seen.
+    /// When the folder last changed, by the clock of its disk, and when this change was seen.
     changed: (Option<SystemTime>, Instant),
 }
 
 impl Growing {
-    /// Errors: no folder.
+    /// Errors: `path` is not a folder.
     pub(crate) fn open(path: &str, layout: &Layout) -> anyhow::Result<Growing> {
         let inner = Path::new(path).join("velodyne");
         let inner = Some(inner).filter(|inner| inner.is_dir());
@@ -49,7 +49,7 @@ impl Growing {
         })
     }
 
-    /// The newest whole scan after the last one, and how many are passed over for it.
+    /// The newest complete scan after the last one, and the number of scans that are skipped for it.
     fn next(&mut self) -> anyhow::Result<Option<(PathBuf, u64)>> {
         let about = || format!("input {FOLLOW}{}", self.path.display());
         let changed = fs::metadata(&self.path).and_then(|about| about.modified());
@@ -74,7 +74,7 @@ impl Growing {
             fresh.pop();
         }
         let passed = fresh.len().saturating_sub(1) as u64;
-        // What was there at the start was not missed.
+        // Scans that existed at the start were not missed.
         let missed = if last.is_some() { passed } else { 0 };
         Ok(fresh.pop().map(|scan| (scan, missed)))
     }
@@ -85,7 +85,7 @@ impl Growing {
             (Some(old), Some(new)) if (&old.0, old.1) == (&new.0, new.1) => {}
             _ => self.newest = now,
         }
-        // A writer that has only opened its file writes on.
+        // An empty file is not complete: its writer has only opened it.
         let is_settled =
             |(_, bytes, since): &mut (_, u64, Instant)| *bytes > 0 && since.elapsed() >= SETTLED;
         self.newest.take_if(is_settled).is_some()
@@ -152,7 +152,7 @@ mod tests {
             }
             (scan.bytes.len() / 16, scan.missed)
         };
-        // Those of before the start were not missed; the newest is not whole before it rests.
+        // Scans from before the start were not missed. The newest one is not complete until it stops growing.
         (1..4).for_each(|number| write(&format!("{number}.bin"), 5));
         assert_eq!(until("3", &mut growing), (5, 0));
         for number in 4..7 {
@@ -161,11 +161,11 @@ mod tests {
         growing.next().unwrap();
         write("7.bin", 7);
         assert_eq!(until("7", &mut growing).0, 7);
-        // Numbers count, and files of another format are none of these scans.
+        // Names sort by their numbers, and files of another format are not scans of this folder.
         ["stray.pcd", "10.bin"]
             .iter()
             .for_each(|name| write(name, 10));
-        // The clock of the disk may be another one.
+        // The clock of the disk may differ from the system's clock.
         let disk = fs::File::open(path).unwrap();
         disk.set_modified(SystemTime::UNIX_EPOCH).unwrap();
         assert_eq!(until("10", &mut growing), (10, 0));

@@ -1,8 +1,8 @@
-//! Files, captures and sockets to scans. No shared memory here: the caller publishes what comes out.
+//! Reads scans from files, captures and sockets. It uses no shared memory: the caller publishes the scans.
 //!
-//! [`Source`] is what `--input` names: a folder of scans, whose [`files`] have several formats; [`packets`] decodes what sensors send, without
-//! I/O; [`pcap`] reads captures, [`udp`] listens to a live sensor; a recording (MCAP) holds scans as messages. [`Source::merge`] makes one of several.
-//! [`Source::live`] takes scans of another program's kind. [`Odometry`] corrects scans for motion.
+//! [`Source`] opens what `--input` names. A folder contains scans as [`files`] of several formats. [`packets`] decodes sensor packets without I/O;
+//! [`pcap`] reads captures and [`udp`] listens to a live sensor. A recording (MCAP) contains scans as messages. [`Source::merge`] merges several
+//! sensors. [`Source::live`] takes a source that another program implements ([`LiveScans`]). [`Odometry`] corrects scans for motion.
 
 mod arguments;
 mod capture;
@@ -45,41 +45,41 @@ pub use motion::{ODOMETRY, Odometry, TF, TRANSFORMS};
 pub use recording::Recorded;
 pub use shard::{place, shard};
 
-/// One scan, as ingest publishes it; its memory is used again for the next one.
+/// One scan, as ingest publishes it; its memory is reused for the next one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scan {
-    /// x, y, z (m, sensor frame: forward, left, up), intensity (0 to 1): four little-endian f32 a point.
+    /// x, y, z (m, sensor frame: forward, left, up), intensity (0 to 1): four little-endian f32 per point.
     pub bytes: Vec<u8>,
-    /// Of each point, ns, after the stamp or since 1970; empty: not known, or not asked for.
+    /// Time of each point, ns, after the stamp or since 1970; empty: not known or not requested.
     pub times_ns: Vec<f64>,
-    /// The frame's name: its file's, or a number.
+    /// The scan's name: the name of its file, or a number.
     pub name: String,
-    /// What is known to be wrong with it.
+    /// The known faults of the scan.
     pub flags: Flags,
     /// The sensor's time, ns; `None`: not known.
     pub stamp_ns: Option<u64>,
-    /// When its first packet came, by the clock of the receiver or recorder, ns; `None`: it has none.
+    /// When its first packet arrived, by the clock of the receiver or recorder, ns; `None`: it has no such time.
     pub received_ns: Option<u64>,
-    /// When it comes after the source's first scan, ns; `None`: not known.
+    /// Time since the source's first scan, ns; `None`: not known.
     pub offset_ns: Option<u64>,
-    /// Where the sensor was.
+    /// Pose of the sensor.
     pub pose: Option<EgoPose>,
-    /// Scans of a live sensor before it that were not loaded in time.
+    /// Number of scans of a live sensor just before this one that were not loaded in time.
     pub missed: u64,
 }
 
 /// Whether there is another scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next {
-    /// It is loaded.
+    /// The scan is loaded.
     Scan,
-    /// A live sensor has none yet: ask again.
+    /// There is no scan yet, as with a live sensor: call again.
     NotYet,
-    /// There is none any more.
+    /// There are no more scans.
     End,
 }
 
-/// Where scans come from.
+/// A source of scans.
 pub struct Source {
     kind: Kind,
     repeat: bool,
@@ -97,13 +97,13 @@ enum Kind {
 
 /// Scans that come when the sensor sends them.
 pub trait LiveScans: Send {
-    /// Loads the newest scan that was not loaded yet; waits so long at most. One without a name gets a number. Errors: those that end the source.
+    /// Loads the newest scan that was not loaded yet; waits `patience` at most. A scan without a name gets a number. Errors: only if the source ends.
     fn load(&mut self, scan: &mut Scan, patience: Duration) -> anyhow::Result<Next>;
 
-    /// What to say while none comes.
+    /// The message while no scan arrives.
     fn silence(&self) -> Option<String>;
 
-    /// An earlier process has loaded what is there.
+    /// Skips the scans that are there: an earlier process has loaded them.
     fn go_on(&mut self) -> anyhow::Result<()> {
         Ok(())
     }
@@ -117,17 +117,17 @@ pub fn is_live(input: &Path) -> bool {
     address(input).is_some() || ros2_topic(input).is_some() || followed(input).is_some()
 }
 
-/// The folder of an input like `follow:DIR`; `None`: it is none.
+/// The folder of an input like `follow:DIR`; `None`: the input is of another kind.
 fn followed(input: &Path) -> Option<&str> {
     input.to_str()?.strip_prefix(FOLLOW)
 }
 
-/// The topic of an input like `ros2:/points`, which the program `mluc-ros2` opens; `None`: it is none.
+/// The topic of an input like `ros2:/points`, which the program `mluc-ros2` opens; `None`: the input is of another kind.
 pub fn ros2_topic(input: &Path) -> Option<&str> {
     input.to_str()?.strip_prefix("ros2:")
 }
 
-/// Options of the layout that this input has no use for.
+/// Options of the layout that have no effect on this input.
 pub fn idle_options(input: &Path, layout: &Layout) -> Vec<&'static str> {
     let ending = ending(input);
     let is_packets = address(input).is_some() || matches!(&*ending, "pcap" | "pcapng");
@@ -146,7 +146,7 @@ pub fn idle_options(input: &Path, layout: &Layout) -> Vec<&'static str> {
 }
 
 impl Source {
-    /// A source of another program's kind. Errors: the layout asks for a part of it.
+    /// A source that another program implements. Errors: the layout requests a part (shard) of it.
     pub fn live(scans: impl LiveScans + 'static, layout: &Layout) -> anyhow::Result<Source> {
         Source::of(Kind::Live(Box::new(scans)), false, layout.shard)
     }
@@ -170,8 +170,8 @@ impl Source {
         Ok(source)
     }
 
-    /// Opens what `input` is: a file or folder of scans, a capture, a recording, or an address (`udp:2368`). `repeat`: after the last scan the first one comes again. Errors: what
-    /// is wrong with it, and what helps.
+    /// Opens an input: a file or folder of scans, a capture, a recording, or an address (`udp:2368`). `repeat`: the first scan follows the last one.
+    /// Errors: what is wrong with the input, and what helps.
     pub fn open(input: &Path, layout: &Layout, repeat: bool) -> anyhow::Result<Source> {
         let ending = ending(input);
         let kind = if let Some(address) = address(input) {
@@ -200,7 +200,7 @@ impl Source {
         Source::of(kind, repeat, layout.shard).with_context(|| format!("input {}", input.display()))
     }
 
-    /// The first of several sensors, or this one.
+    /// The source of the first sensor where several are merged, else this source.
     fn first(&self) -> &Source {
         match &self.kind {
             Kind::Merged(merged) => &merged.parts[0].source,
@@ -208,7 +208,7 @@ impl Source {
         }
     }
 
-    /// Names of the sensors, of several, that are not in the last scan, a space before each.
+    /// Names of the merged sensors that are missing in the last scan, each after a space.
     pub fn missing(&self) -> &str {
         match &self.kind {
             Kind::Merged(merged) => &merged.missing,
@@ -226,7 +226,7 @@ impl Source {
         count.map(|count| shard::scans(self.shard, count))
     }
 
-    /// Which of the scans a number is that counts on over all rounds.
+    /// The index of a scan by its number, which continues over all rounds.
     pub fn index(&self, sequence: u64) -> u64 {
         self.count().map_or(sequence, |count| sequence % count)
     }
@@ -245,7 +245,7 @@ impl Source {
         matches!(self.first().kind, Kind::Live(_))
     }
 
-    /// What to say while a live sensor is silent; of several: all of them.
+    /// The message while a live sensor is silent, or while all merged sensors are silent.
     pub fn silence(&self) -> Option<String> {
         match &self.kind {
             Kind::Live(live) => live.silence(),
@@ -257,7 +257,7 @@ impl Source {
         }
     }
 
-    /// An earlier process has loaded the scans so far: a folder that grows begins behind them.
+    /// Continues after an earlier process, which has loaded the scans so far: a growing folder begins after them.
     pub fn go_on(&mut self) -> anyhow::Result<()> {
         match &mut self.kind {
             Kind::Live(live) => live.go_on(),
@@ -266,7 +266,7 @@ impl Source {
         }
     }
 
-    /// As [`Source::load`], for a scan that nobody may read: no points. A capture or a recording is read on; a live sensor's next scan is another one.
+    /// As [`Source::load`], but without points, for a scan that must not be read. A capture or a recording is read on; a live sensor gives its next scan.
     pub fn pass_over(&mut self, sequence: u64, scan: &mut Scan) -> anyhow::Result<Next> {
         let part = sequence;
         let sequence = place(self.shard, part);
@@ -286,7 +286,7 @@ impl Source {
         Ok(next)
     }
 
-    /// Loads a scan by its number, which counts on over all rounds and never goes back in a capture or a recording. Errors: what the system, or a live sensor's packets, refuse.
+    /// Loads a scan by its number, which continues over all rounds and never decreases in a capture or recording. Errors: of the system or live packets.
     pub fn load(&mut self, sequence: u64, scan: &mut Scan) -> anyhow::Result<Next> {
         let sequence = place(self.shard, sequence);
         match &mut self.kind {
@@ -309,13 +309,13 @@ impl Source {
     }
 }
 
-/// What follows the last dot of a file's name, in small letters.
+/// The extension of a file's name, in lower case.
 fn ending(path: &Path) -> String {
     let ending = path.extension().unwrap_or_default();
     ending.to_string_lossy().to_ascii_lowercase()
 }
 
-/// The name of a scan that has none.
+/// The name of a scan without a name of its own.
 fn numbered(sequence: u64) -> String {
     format!("{sequence:06}")
 }

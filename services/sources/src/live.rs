@@ -1,4 +1,4 @@
-//! Scans from a live sensor: a thread takes its packets, the newest turn waits for the pipeline.
+//! Scans from a live sensor: a thread receives its packets and keeps the newest turn for the pipeline.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -12,24 +12,24 @@ use crate::packets::{Calibration, Detector};
 use crate::{LiveScans, Next, Scan, SourceError};
 use crate::{capture::calibration, files::Layout, udp::Receiver};
 
-/// The socket is waited for so long.
+/// How long a read of the socket waits at most.
 const SILENCE: Duration = Duration::from_millis(500);
-/// A sensor that is silent for so long may come back with another address.
+/// A sensor that was silent for longer may return with another address.
 const FORGET_MS: u64 = 5_000;
-/// A turn does not end in a pause.
+/// No turn is expected to end in a pause longer than this.
 const PAUSE_MS: u64 = 500;
-/// A turn takes less, at 1 Hz too.
+/// A turn takes less time, even at 1 Hz.
 const NO_TURN: Duration = Duration::from_secs(3);
-/// Missing packets are told so often at most.
+/// Shortest time between two log lines about missing packets.
 const TELL: Duration = Duration::from_secs(10);
-/// Datagrams of which none is a known sensor's: some seconds of any.
+/// Number of datagrams that are checked for a known sensor: some seconds of any sensor's data.
 const LOOKS_MAX: u32 = 20_000;
-/// How long a look for the next turn takes at most: the pipeline hears of ingest meanwhile.
+/// How long a wait for the next turn takes at most: ingest must report to the pipeline in between.
 pub(crate) const PATIENCE: Duration = Duration::from_millis(20);
-/// What an input that is an address begins with.
+/// Prefix of an input that is an address.
 const SCHEME: &str = "udp:";
 
-/// The address of an input like `udp:2368` or `udp:10.0.0.5:2368`: port, and where to listen (or a multicast group); `None`: it is none.
+/// The address of an input like `udp:2368` or `udp:10.0.0.5:2368`: port, and where to listen (or a multicast group); `None`: another kind of input.
 pub(crate) fn address(input: &Path) -> Option<anyhow::Result<SocketAddr>> {
     let words = input.to_str()?.strip_prefix(SCHEME)?;
     let words = words.trim_start_matches('/');
@@ -39,15 +39,15 @@ pub(crate) fn address(input: &Path) -> Option<anyhow::Result<SocketAddr>> {
     Some(address.with_context(|| format!("input {}: {expected}", input.display())))
 }
 
-/// What thread and pipeline share.
+/// State that the thread and the pipeline share.
 #[derive(Default)]
 struct Shared {
     is_ending: AtomicBool,
-    /// Turns that newer ones replaced.
+    /// Number of turns that newer turns replaced.
     replaced: AtomicU64,
-    /// Since the sensor's last packet.
+    /// Time since the sensor's last packet.
     silent_ms: AtomicU64,
-    /// Of the last datagram of no known sensor; 0 while one is known.
+    /// Length of the last datagram from no known sensor; 0 while a sensor is known.
     foreign_bytes: AtomicU64,
 }
 
@@ -121,19 +121,19 @@ impl Drop for Live {
     fn drop(&mut self) {
         self.shared.is_ending.store(true, Relaxed);
         if let Some(thread) = self.thread.take() {
-            // It ends after one silence at most; a panic there was logged.
+            // The thread ends after one `SILENCE` at most. A panic in it was logged.
             let _ = thread.join();
         }
     }
 }
 
-/// The thread's side.
+/// State of the thread.
 struct Listener {
     receiver: Receiver,
     layout: Layout,
     calibration: Option<Calibration>,
     send: Sender<Result<Scan, SourceError>>,
-    /// The other end: a turn that was not fetched goes when a newer one is there.
+    /// The receiving end: removes a turn that was not fetched when a newer turn is there.
     oldest: Turns<Result<Scan, SourceError>>,
     shared: Arc<Shared>,
 }
@@ -153,7 +153,7 @@ impl Listener {
                 self.shared.foreign_bytes.store(0, Relaxed);
                 continue;
             };
-            // It may have come back with another address.
+            // The sensor may have returned with another address.
             if silent_ms > FORGET_MS {
                 decoder = None;
             }
@@ -206,7 +206,7 @@ impl Listener {
         Ok(())
     }
 
-    /// Newest wins.
+    /// Keeps the newest turn only: it replaces a turn that was not fetched.
     fn give(&self, scan: Result<Scan, SourceError>) {
         let mut next = Some(scan);
         while let Some(scan) = next.take() {
@@ -227,7 +227,7 @@ mod tests {
     use super::*;
     use crate::packets::tests::{HOUR_NS, velodyne};
 
-    /// Asks until there is something, for ten seconds at most.
+    /// Loads until the result is as wanted, for ten seconds at most.
     fn next(
         live: &mut Live,
         scan: &mut Scan,

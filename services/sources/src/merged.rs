@@ -1,7 +1,7 @@
-//! Scans of several sensors as one frame: the first one's scan, and of each other sensor the next one within a tolerance.
+//! Merges scans of several sensors into frames: the first sensor's scan, and from each other sensor the next scan within a tolerance.
 //!
-//! Packets go by the time at which they were received, which is one clock for all sensors; recordings by the stamps of their messages, folders by
-//! `timestamps.txt`; where none has stamps, by number. Each scan is in one frame at most.
+//! Packets are matched by their time of arrival, which is one clock for all sensors; recordings by the stamps of their messages; folders by
+//! `timestamps.txt`; inputs without stamps by number. Each scan is in one frame at most.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -29,16 +29,16 @@ pub struct Lidar {
     pub topic: Option<String>,
 }
 
-/// Its number, the time of its first scan (ns), and when that was read.
+/// Number of the frame, time of its first scan (ns), and when that scan was read.
 type Frame = (u64, Option<u64>, Instant);
 
 pub(crate) struct Merged {
     pub(crate) parts: Vec<Part>,
     tolerance: Duration,
-    /// Whose scans begin the frames: the first live sensor that is not silent, or the first of all.
+    /// The sensor whose scans begin the frames: the first live sensor that is not silent, or the first of all.
     leader: usize,
     frame: Option<Frame>,
-    /// Names of the sensors that are not in the last frame, a space before each.
+    /// Names of the sensors that are not in the last frame, each after a space.
     pub(crate) missing: String,
 }
 
@@ -49,21 +49,21 @@ pub(crate) struct Part {
     frame_from_sensor: IsometryMatrix3<f32>,
     scan: Scan,
     has_scan: bool,
-    /// Number of the scan after it.
+    /// Number of the scan after `scan`.
     number: u64,
     is_over: bool,
     /// Whether the scan belongs to the frame; `None`: not known yet.
     is_in: Option<bool>,
-    /// In a row.
+    /// Number of consecutive frames without this sensor.
     frames_without: u64,
 }
 
-/// A live scan further ahead of the frame is not one to wait with: a clock was set back, or a stamp is wrong.
+/// A live scan further ahead of the frame is not kept: a clock was set back, or a stamp is wrong.
 const AHEAD_MAX_NS: u64 = 1_000_000_000;
 
 impl Source {
-    /// Scans of several sensors merged into frames, which the first sensor's scans begin. `base_from_frame`: pose of the frames' coordinates in the robot's
-    /// base, as [`Lidar::extrinsics`]. `tolerance_ms`: between the times of scans in one frame, at most. Errors: as [`Source::open`], with the sensor's name.
+    /// Merges scans of several sensors into frames, which the first sensor's scans begin. `base_from_frame`: pose of the frames in the robot's base, as
+    /// [`Lidar::extrinsics`]. `tolerance_ms`: limit between the times of scans in a frame. Errors: as [`Source::open`], with the sensor's name.
     pub fn merge(
         lidars: &[Lidar],
         layout: &Layout,
@@ -143,7 +143,7 @@ impl Merged {
         Ok(Next::Scan)
     }
 
-    /// Counts; logs which sensor is missing since this frame, and which came back.
+    /// Counts frames without a sensor; logs which sensors are missing from this frame on, and which are back.
     fn tell(&mut self, sequence: u64) {
         self.missing.clear();
         for part in &mut self.parts {
@@ -161,7 +161,7 @@ impl Merged {
         }
     }
 
-    /// The points of all scans that are in the frame; name, stamp and motion are the leader's.
+    /// Writes the points of all scans that are in the frame; name, stamp and pose are the leader's.
     fn write(&self, scan: &mut Scan) {
         let first = &self.parts[self.leader];
         let leader = &first.scan;
@@ -187,12 +187,12 @@ impl Merged {
 }
 
 impl Part {
-    /// Whether the frame has points of it.
+    /// Whether the frame has points of this sensor.
     fn is_there(&self) -> bool {
         self.is_in == Some(true) && !self.scan.bytes.is_empty()
     }
 
-    /// Whether the sensor has a scan for the frame; `None`: ask again. One that fails is as one that ends: the others go on.
+    /// Whether the sensor has a scan for the frame; `None`: call again. A sensor that fails is treated as one that ends: the others continue.
     fn seek(&mut self, frame: Frame, tolerance: Duration) -> Option<bool> {
         let (sequence, frame_ns, begun) = frame;
         for _ in 0..LOOKS_MAX {
@@ -204,7 +204,7 @@ impl Part {
                 let number = frame_ns.map_or(sequence, |_| self.number);
                 let (source, scan) = (&mut self.source, &mut self.scan);
                 let next = match &mut source.kind {
-                    // Its points come below.
+                    // The points of a folder's scan are loaded below.
                     Kind::Folder(_) => source.pass_over(number, scan),
                     Kind::Live(live) if is_late => live.load(scan, Duration::ZERO),
                     _ => source.load(number, scan),
@@ -240,7 +240,7 @@ impl Part {
         None
     }
 
-    /// Where the frame's coordinates are while the sensor is there, seen from above.
+    /// Pose of the frame's coordinates for a pose of the sensor, seen from above.
     fn pose_of_frame(&self, sensor: EgoPose) -> EgoPose {
         let IsometryMatrix3 {
             rotation,
@@ -255,14 +255,14 @@ impl Part {
         }
     }
 
-    /// Appends the points in the frame's coordinates; gives what is wrong with the scan.
+    /// Appends the points in the frame's coordinates; returns the scan's flags.
     fn write_points(&self, bytes: &mut Vec<u8>) -> Flags {
         let (points, _) = self.scan.bytes.as_chunks::<16>();
         for point in points {
             let (numbers, _) = point.as_chunks();
             let [x, y, z, intensity] = std::array::from_fn(|i| f32::from_le_bytes(numbers[i]));
             let mut at = Point3::new(x, y, z);
-            // A missing return stays one.
+            // A missing return stays at the origin.
             if at != Point3::origin() {
                 at = self.frame_from_sensor * at;
             }
@@ -273,7 +273,7 @@ impl Part {
     }
 }
 
-/// What scans are merged by.
+/// The time by which scans are merged.
 fn time_ns_of(scan: &Scan) -> Option<u64> {
     scan.received_ns.or(scan.stamp_ns)
 }
@@ -334,7 +334,7 @@ mod tests {
         }
     }
 
-    /// Stamps, ms. The sensor looks back from 10 m ahead.
+    /// Scans with these stamps, ms. The sensor is 10 m ahead and faces back.
     struct Stamped(std::vec::IntoIter<u64>);
 
     impl crate::LiveScans for Stamped {
@@ -363,7 +363,7 @@ mod tests {
             let stamps = stamps.collect::<Vec<_>>().into_iter();
             Source::live(Stamped(stamps), layout)
         };
-        // Several, or a live one, have no parts; one scan has no second part.
+        // Merged sensors and a live sensor have no parts; one scan has no second part.
         let [first, second] = [0, 1].map(|index| Layout {
             shard: Some([index, 2]),
             ..Layout::default()

@@ -1,4 +1,4 @@
-//! How the sensor moved while it turned: its poses by time, from odometry or transforms, and a scan's points as if it had stood still.
+//! The sensor's motion during a turn: its poses by time, from odometry or transforms, and the correction of a scan's points for it.
 
 use std::{array::from_fn, collections::BTreeMap};
 
@@ -8,36 +8,36 @@ use nalgebra::{IsometryMatrix3, Quaternion, Translation3, UnitQuaternion};
 use crate::files::{Cloud, Layout, Reader};
 use crate::{Deskew, Scan, SourceError, merged::pose};
 
-/// Messages that tell of motion, in CDR.
+/// Type of transforms in ROS 2. Messages with poses are in CDR.
 pub const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
-/// Their topics by ROS' custom: those that change, and those that do not.
+/// The usual ROS topics of transforms: changing ones, fixed ones.
 pub const TF: [&str; 2] = ["/tf", "/tf_static"];
 const POSE: &str = "geometry_msgs/msg/PoseStamped";
-/// Odometry's type in ROS 2.
+/// Type of odometry in ROS 2.
 pub const ODOMETRY: &str = "nav_msgs/msg/Odometry";
-/// All of them.
+/// All message types with poses.
 pub(crate) const POSES: [&str; 3] = [ODOMETRY, POSE, TRANSFORMS];
 
-/// Poses that are kept of a frame, up to twice as many: a second at the highest rate of any odometry.
+/// Number of poses that are kept per frame (up to twice as many): one second at the highest rate of any odometry.
 const POSES_MAX: usize = 500;
-/// Frames that are known; robots have about a hundred.
+/// Number of frames that are kept; robots have about a hundred.
 const FRAMES_MAX: usize = 256;
-/// Two poses farther apart, s, or by a higher speed are no motion: a gap, or a place that was found anew.
+/// Two poses farther apart (s), or with a higher speed between them, are no motion: there is a gap, or the robot was localized anew.
 const GAP_MAX_S: f64 = 1.0;
 const SPEED_MAX_MPS: f64 = 100.0;
-/// The motion of the two nearest poses is taken to go on for so long, s.
+/// How long the motion between the two nearest poses is extrapolated, s.
 const BEYOND_MAX_S: f64 = 0.2;
-/// A turn of any sensor takes so long, and its stamp is of some time near it, s.
+/// Shortest span of the times of a turn's points, and largest difference between these times and the stamp, s.
 const TURN_S: [f64; 2] = [0.001, 1.0];
-/// Times above are counted since 1970, ns.
+/// Times above this value count since 1970, ns.
 const SINCE_1970_NS: f64 = 1e17;
 
-/// Of a sensor, or of a frame in its parent.
+/// Pose of a sensor, or of a frame in its parent.
 type Pose = IsometryMatrix3<f64>;
 
 pub(crate) const NO_TIMES: &str = "the points have no times (a field t, time or timestamp)";
 
-/// Where a frame was, by time.
+/// The poses of a frame by time.
 #[derive(Default)]
 pub(crate) struct Trajectory {
     poses: Vec<(u64, Pose)>,
@@ -45,7 +45,7 @@ pub(crate) struct Trajectory {
 }
 
 impl Trajectory {
-    /// Poses come in the order of their stamps; one that is late is left out, and after a step back of more than a second all begins anew.
+    /// Adds a pose; poses come in the order of their stamps. A late pose is left out. A step back of more than a second clears the earlier poses.
     pub(crate) fn push(&mut self, stamp_ns: u64, pose: Pose) {
         if let Some((last_ns, _)) = self.poses.last() {
             if seconds(stamp_ns, *last_ns) < -GAP_MAX_S {
@@ -60,7 +60,7 @@ impl Trajectory {
         self.poses.push((stamp_ns, pose));
     }
 
-    /// At a time, between the poses before and after it or beyond the last ones, by the motion between them. `None`: none are near.
+    /// The pose at a time, interpolated between the poses before and after it, or extrapolated from the nearest two. `None`: no poses are near.
     pub(crate) fn at(&self, stamp_ns: u64, after_s: f64) -> Option<Pose> {
         if self.is_fixed {
             return self.poses.last().map(|(_, pose)| *pose);
@@ -85,15 +85,15 @@ fn seconds(stamp_ns: u64, since_ns: u64) -> f64 {
 
 /// Poses of a robot's frames, from messages of odometry and transforms.
 pub struct Odometry {
-    /// By frame: its parent, and where it is there.
+    /// By frame: its parent, and its poses in the parent.
     frames: BTreeMap<String, (String, Trajectory)>,
-    /// Which frame the odometry is of, and where the sensor is in it unless a transform tells.
+    /// The frame that the odometry describes, and the sensor's pose in it where no transform gives one.
     base: String,
     base_from_sensor: Pose,
 }
 
 impl Odometry {
-    /// Without poses. Errors: axes, since poses are those of the frame that the messages name.
+    /// An odometry without poses. Errors: axes in the layout, because poses are for the frame that the messages name.
     pub fn new(layout: &Layout) -> Result<Odometry, SourceError> {
         if layout.deskew && layout.axes != Layout::default().axes {
             let found = &layout.axes;
@@ -106,7 +106,7 @@ impl Odometry {
         })
     }
 
-    /// Takes a message in CDR, by its type; `is_fixed`: what it tells holds at any time. One that makes no sense is said and left out.
+    /// Takes a message in CDR, by its type. `is_fixed`: its poses are valid at any time. A message that cannot be read is logged and left out.
     pub fn take(&mut self, schema: &str, is_fixed: bool, message: &[u8]) {
         if self.read(schema, is_fixed, message).is_none() {
             tracing::warn!("cannot read a pose, it is left out: {schema}");
@@ -147,11 +147,11 @@ impl Odometry {
         Some(())
     }
 
-    /// Where a frame is in the one that stands still; `None`: not known at this time. A frame without a transform, or the last one of fixed transforms, is the
-    /// odometry's.
+    /// The pose of a frame in the fixed frame; `None`: not known at this time. A frame without a transform, or the last one of fixed transforms,
+    /// counts as the odometry's frame.
     fn at(&self, frame: &str, stamp_ns: u64, after_s: f64) -> Option<Pose> {
         let (mut name, mut pose, mut moves) = (frame, IsometryMatrix3::identity(), false);
-        // A ring of frames ends too.
+        // The limit also ends a cycle of frames.
         for _ in 0..FRAMES_MAX {
             if let Some((parent, trajectory)) = self.frames.get(name) {
                 pose = trajectory.at(stamp_ns, after_s)? * pose;
@@ -169,7 +169,7 @@ impl Odometry {
         moves.then_some(pose)
     }
 
-    /// Corrects a scan in a frame for motion. One that cannot be corrected is said, and flagged as `degraded`.
+    /// Corrects a scan in a frame for motion. A scan that cannot be corrected is logged and gets the flag `degraded`.
     pub fn correct(&self, scan: &mut Scan, frame: &str) {
         let stamp_ns = scan.stamp_ns.unwrap_or(0);
         scan.deskew(|after_s| self.at(frame, stamp_ns, after_s));
@@ -177,8 +177,8 @@ impl Odometry {
 }
 
 impl Scan {
-    /// Moves the points to where they are at the scan's stamp. `at`: the sensor's pose so many seconds after it. A scan for which that does not do stays as
-    /// it is, has the flag `degraded`, and the log says why.
+    /// Moves the points to their positions at the scan's stamp. `at`: the sensor's pose by seconds after the stamp. A scan that cannot be corrected
+    /// stays as it is and gets the flag `degraded`; the log gives the reason.
     pub(crate) fn deskew(&mut self, at: impl Fn(f64) -> Option<Pose>) {
         if let Err(reason) = self.try_deskew(at) {
             tracing::warn!(scan = self.name, "not corrected for motion: {reason}");
@@ -216,7 +216,7 @@ impl Scan {
         for (point, time_ns) in points.iter_mut().zip(times_ns) {
             let (numbers, _) = point.as_chunks();
             let at_m: [f32; 3] = from_fn(|axis| f32::from_le_bytes(numbers[axis]));
-            // A missing return stays one.
+            // A missing return stays at the origin.
             if at_m != [0.0; 3] {
                 let moved_m = deskew.moved(after_s(time_ns), at_m);
                 let moved = moved_m.map(f32::to_le_bytes);
@@ -265,7 +265,7 @@ mod tests {
         assert!(trajectory.at(1_000_000_000, 0.1).is_some());
     }
 
-    /// 120,000 points straight ahead, in 0.1 s, of a sensor that drives at 10 m/s.
+    /// 120,000 points straight ahead, within 0.1 s, from a sensor that drives at 10 m/s.
     #[test]
     fn points_go_to_the_stamp_and_what_keeps_them_is_said() {
         let bytes = [20.0f32, 0.0, -1.0, 0.5].map(f32::to_le_bytes);

@@ -1,4 +1,4 @@
-//! UDP datagrams of a capture file, pcap or pcapng: Ethernet with VLANs, Linux cooked, loopback or raw IP; fragments are put together.
+//! UDP datagrams of a capture file, pcap or pcapng: Ethernet with VLANs, Linux cooked, loopback or raw IP; fragments are reassembled.
 
 use std::fs::File;
 use std::net::{IpAddr, SocketAddr};
@@ -12,13 +12,13 @@ use crate::{SourceError, refused};
 
 /// Longer than any frame of a capture.
 const BUFFER_BYTES: usize = 1 << 20;
-/// Other blocks of a pcapng file may be longer, as secrets or comments are; a guess.
+/// Limit for other blocks of a pcapng file, such as secrets or comments, which may be longer; an estimate.
 const BLOCK_BYTES_MAX: usize = 64 << 20;
-/// A fragment waits for the others of its datagram for so many fragments.
+/// A datagram's fragments wait for the missing ones until this many more fragments have come.
 const FRAGMENTS_MAX: u64 = 1024;
-/// Interfaces of a pcapng file that are remembered.
+/// Number of interfaces of a pcapng file that are kept.
 const INTERFACES_MAX: usize = 64;
-/// Datagrams that are looked at for a sensor: some seconds of any.
+/// Number of datagrams that are checked for a known sensor: some seconds of any sensor's data.
 const DETECT_MAX: u32 = 20_000;
 
 /// Stamp, link and bytes of a frame.
@@ -26,20 +26,20 @@ type Frame<'a> = (u64, Linktype, &'a [u8]);
 /// Stamp, sender and port of a datagram.
 type Address = (u64, SocketAddr, u16);
 
-/// What became of the frames.
+/// Counts of a capture's frames and datagrams.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CaptureCounts {
-    /// UDP datagrams given out.
+    /// UDP datagrams returned.
     pub datagrams: u64,
-    /// Frames that are no whole UDP datagram, or have no time: other protocols, cut by the recorder.
+    /// Frames that are not a whole UDP datagram or have no time: other protocols, frames cut by the recorder.
     pub other: u64,
-    /// Fragmented datagrams of which a part did not come, or has not yet.
+    /// Fragmented datagrams with a part that is missing or has not come yet.
     pub fragmented_lost: u64,
-    /// The file ends within a block, is damaged there, or the block is above 64 MiB: what follows is not read.
+    /// The file ends within a block, is damaged there, or the block is above 64 MiB. The rest of the file is not read.
     pub cut_short: bool,
 }
 
-/// How an interface's frames begin and what its time counts.
+/// Link type, time resolution and time offset of an interface.
 #[derive(Clone, Copy)]
 struct Interface {
     link: Linktype,
@@ -56,18 +56,18 @@ pub struct Capture {
     frames: Frames,
 }
 
-/// Frames to datagrams.
+/// Extracts datagrams from frames.
 #[derive(Default)]
 struct Frames {
     counts: CaptureCounts,
     payload: Vec<u8>,
-    /// Each with the number of its latest fragment.
+    /// Incomplete datagrams, each with the number of its latest fragment.
     pool: IpDefragPool<u64>,
     fragments: u64,
 }
 
 impl Capture {
-    /// Opens a file; its first bytes say which format it has.
+    /// Opens a file; its first bytes determine its format.
     pub fn open(path: impl AsRef<Path>) -> Result<Capture, SourceError> {
         let path = path.as_ref().to_path_buf();
         let file = File::open(&path).map_err(|cause| SourceError::io(path.display(), cause))?;
@@ -102,12 +102,12 @@ impl Capture {
         Err(detector.not_found())
     }
 
-    /// What became of the frames so far.
+    /// The counts so far.
     pub fn counts(&self) -> CaptureCounts {
         self.frames.counts
     }
 
-    /// The next datagram; `None` at the end. Fails where the system cannot read on.
+    /// The next datagram; `None` at the end. Fails where the system cannot read further.
     pub fn next_datagram(&mut self) -> Result<Option<Datagram<'_>>, SourceError> {
         loop {
             if self.is_ng && is_impossible(self.reader.data()) {
@@ -137,7 +137,7 @@ impl Capture {
                 }
                 Err(error) => {
                     let is_long = matches!(error, PcapError::BufferTooSmall);
-                    // No block is longer than its file, whatever it says.
+                    // No block is longer than its file, whatever length it states.
                     let bytes = std::fs::metadata(&self.path).map_or(0, |file| file.len());
                     if !is_long || !self.reader.grow(BLOCK_BYTES_MAX.min(bytes as usize)) {
                         break;
@@ -150,7 +150,7 @@ impl Capture {
     }
 }
 
-/// A block with a process's number that is shorter than a block can be: pcap-parser 0.17 subtracts from its length unchecked.
+/// Whether the data begin with a process block that is shorter than any block can be: pcap-parser 0.17 subtracts from its length unchecked.
 fn is_impossible(data: &[u8]) -> bool {
     let Some(&[kind, length]) = data.as_chunks().0.first_chunk() else {
         return false;
@@ -161,7 +161,7 @@ fn is_impossible(data: &[u8]) -> bool {
         .any(|read| read(kind) == KIND && read(length) < 16)
 }
 
-/// What a block holds; remembers the interfaces that others tell.
+/// Returns the frame in a block; stores the interfaces that other blocks describe.
 fn read<'a>(block: &'a PcapBlockOwned, interfaces: &mut Vec<Interface>) -> Option<Frame<'a>> {
     use pcap_parser::Block;
     let mut told = |link, ticks_per_s, offset_s| {
@@ -207,7 +207,7 @@ fn read<'a>(block: &'a PcapBlockOwned, interfaces: &mut Vec<Interface>) -> Optio
             let bytes = frame.data.get(..frame.caplen as usize)?;
             Some((stamp_ns, interface.link, bytes))
         }
-        // Without a time it is of no use: an empty frame is counted as such.
+        // A packet without a time is of no use. Its empty frame is counted as `other`.
         PcapBlockOwned::NG(Block::SimplePacket(_)) => Some((0, Linktype::ETHERNET, &[])),
         PcapBlockOwned::NG(_) => None,
     }
@@ -328,7 +328,7 @@ pub(crate) mod tests {
         frames
     }
 
-    /// Little-endian, microseconds, Ethernet; a frame each millisecond.
+    /// A capture, little-endian, microseconds, Ethernet; one frame per millisecond.
     pub(crate) fn pcap(frames: &[Vec<u8>]) -> Vec<u8> {
         let mut bytes = vec![
             0xD4, 0xC3, 0xB2, 0xA1, 2, 0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 0, 1, 0, 0, 0,
@@ -343,7 +343,7 @@ pub(crate) mod tests {
         bytes
     }
 
-    /// One interface with nanoseconds, a packet of so many bytes without a time, one frame at 100.000000123 s.
+    /// One interface with nanoseconds, a packet of `simple_bytes` without a time, one frame at 100.000000123 s.
     fn pcapng(frame: &[u8], simple_bytes: usize) -> Vec<u8> {
         let block = |kind: u32, body: &[u8]| {
             let padded = body.len().next_multiple_of(4);
@@ -383,7 +383,7 @@ pub(crate) mod tests {
     fn datagrams_are_found_among_other_traffic_and_fragments() {
         let mut frames = vec![ethernet(&POINTS[..1206]), vec![0xFF; 60], vec![]];
         frames.extend(fragments(&POINTS));
-        // Of a second datagram the end is missing.
+        // The end of a second datagram is missing.
         frames.extend(fragments(&POINTS).into_iter().take(2));
         let (found, counts) = read_all(&pcap(&frames)).unwrap();
         let expected = CaptureCounts {

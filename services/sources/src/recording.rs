@@ -14,15 +14,15 @@ use crate::files::{CLOUDS, Cloud, Layout};
 use crate::motion::{Odometry, POSES, TF};
 use crate::{Next, Scan, SourceError, folder::has_scans, numbered, refused, rounds::Rounds};
 
-/// Of a chunk or any other record: many times the largest scan.
+/// Maximum size of a chunk or any other record: many times the largest scan.
 const RECORD_BYTES_MAX: usize = 256 << 20;
-/// Messages until the caller is asked to come again: it has heartbeats to send.
+/// Maximum number of messages that one call reads: the caller must send heartbeats between calls.
 pub(crate) const LOOKS_MAX: u32 = 64;
 const READ_BYTES: usize = 1 << 20;
-/// What is looked for, how it may be written, and the option that names its topic.
+/// What is searched for, its message types, and the option that names its topic.
 const SCANS: [&str; 3] = ["scans", CLOUDS, "--topic"];
 
-/// The recording that `input` is, or the only one in a folder without scans, as rosbag2 makes them.
+/// `input` itself if it is a recording, or the only recording in a folder without scans, as rosbag2 writes them.
 pub(crate) fn within(input: &Path, ending: &str) -> Option<PathBuf> {
     if ending == "mcap" && !input.is_dir() {
         return Some(input.to_path_buf());
@@ -36,16 +36,16 @@ pub(crate) fn within(input: &Path, ending: &str) -> Option<PathBuf> {
 
 pub(crate) struct Recording {
     path: PathBuf,
-    /// It names the topic.
+    /// Its `topic` is always set.
     layout: Layout,
     messages: MessageReader<BufReader<File>>,
-    /// Messages of the topic; `None`: not told.
+    /// Number of messages on the topic; `None`: unknown.
     pub(crate) count: Option<u64>,
-    /// Of the next message.
+    /// Number of the next message.
     sequence: u64,
-    /// By the times at which messages were recorded.
+    /// Scan times, from the times at which the messages were recorded.
     rounds: Rounds,
-    /// Where poses come from, and what they said.
+    /// The topic of the poses, and the odometry read from it.
     motion: Option<(String, Odometry)>,
 }
 
@@ -87,7 +87,7 @@ impl Recording {
         })
     }
 
-    /// Reads on to the message of a number, unless that is loaded; `repeat`: after the last one the first comes again.
+    /// Reads up to the message with this number, unless it is already loaded. `repeat`: the first message follows the last one.
     pub(crate) fn load(&mut self, sequence: u64, repeat: bool, scan: &mut Scan) -> Result<Next> {
         if sequence < self.sequence {
             return Ok(Next::Scan);
@@ -129,18 +129,18 @@ impl Recording {
     }
 }
 
-/// What `mluc record` wrote of a recording's frames beside their points: the messages of one topic.
+/// Messages of one topic that `mluc record` wrote for a recording's frames in addition to their points.
 pub struct Recorded {
     path: PathBuf,
     topic: String,
     messages: MessageReader<BufReader<File>>,
-    /// So far, and the frame of the last one.
+    /// Number of clouds read so far; `sequence`: the sequence number of the last cloud's message.
     clouds: u64,
     sequence: u32,
 }
 
 impl Recorded {
-    /// Opens a recording; `writer` makes those that have the topic. Errors: it has none.
+    /// Opens a recording. `writer`: command that writes recordings with the topic, for the error. Errors: the recording lacks the topic.
     pub fn open(path: &Path, topic: &str, writer: &str) -> Result<Recorded> {
         let about = || format!("input {}", path.display());
         let summary = summary(path).with_context(about)?;
@@ -159,7 +159,7 @@ impl Recorded {
         })
     }
 
-    /// The message in CDR of the `number`th cloud's frame, ascending; `None`: it has none.
+    /// The CDR message for the frame of the `number`th cloud; numbers must ascend from call to call. `None`: the frame has no message.
     pub fn of(&mut self, number: u64) -> Result<Option<Vec<u8>>> {
         while self.clouds <= number + 1 {
             let message = self.messages.next().transpose();
@@ -178,8 +178,8 @@ impl Recorded {
 }
 
 impl Scan {
-    /// Takes a `sensor_msgs/PointCloud2` in CDR. One that makes no sense is said, and is an empty scan with the flag `damaged_input`. `received_ns`
-    /// stands in for a stamp of 0. The name stays empty. Gives the frame of the points.
+    /// Takes a `sensor_msgs/PointCloud2` in CDR. An invalid message is logged and gives an empty scan with the flag `damaged_input`. `received_ns`
+    /// replaces a stamp of 0. The name stays empty. Returns the coordinate frame of the points.
     pub fn take_point_cloud2(
         &mut self,
         layout: &Layout,
@@ -224,7 +224,7 @@ fn cloud(channel: &Channel) -> Option<Cloud> {
     Cloud::of(schema(channel), &channel.message_encoding)
 }
 
-/// The topic asked for, or the only one that has what is taken, and its channels. `what`: that, its kinds, and the option that names the topic.
+/// The requested or only topic with suitable channels, and these channels. The array: what is searched for, its message types, the topic's option.
 fn choose(
     summary: &Summary,
     wanted: Option<&str>,
@@ -256,7 +256,7 @@ fn is_motion(channel: &Channel) -> bool {
     POSES.contains(&schema(channel)) && channel.message_encoding == "cdr"
 }
 
-/// The topic of poses that is asked for, or `/tf`, or the only other one.
+/// The requested topic of poses, or `/tf`, or the only other topic of poses.
 fn motion(summary: &Summary, layout: &Layout) -> Result<String, SourceError> {
     let has = |topic: &str| {
         let mut channels = summary.channels.values();
@@ -270,7 +270,7 @@ fn motion(summary: &Summary, layout: &Layout) -> Result<String, SourceError> {
     found.map(|(topic, _)| topic)
 }
 
-/// Errors: it is no MCAP file, or has no summary.
+/// Reads the summary. Errors: the file is not an MCAP file, or has no summary.
 fn summary(path: &Path) -> Result<Summary, SourceError> {
     let expected = "an MCAP file with a summary at its end";
     let fault = |found: String| SourceError::field(path.display(), expected, found);

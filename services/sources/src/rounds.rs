@@ -1,21 +1,21 @@
-//! When the scans of a recording come, over one round of it after the other.
+//! Times of the scans of a recording that is repeated in rounds.
 
-/// Of a recording with a single scan.
+/// Period of a recording with a single scan.
 const PERIOD_NS: u64 = 100_000_000;
 
-/// Stamps to times after the first scan of all rounds.
+/// Converts stamps to times after the first scan of all rounds.
 #[derive(Default)]
 pub(crate) struct Rounds {
-    /// This round's first stamp, ns, and when the round began after the first one.
+    /// First stamp of this round, ns; `round_ns`: start of this round after the first scan of all rounds.
     first_ns: Option<u64>,
     round_ns: u64,
-    /// When the last scan came after the first one of all, and how long after the one before it, ns.
+    /// Time of the last scan after the first scan of all rounds, ns; `period_ns`: its time after the scan before it.
     last_ns: u64,
     period_ns: u64,
 }
 
 impl Rounds {
-    /// When a scan comes after the first one of all, ns.
+    /// Time of a scan after the first scan of all rounds, ns.
     pub(crate) fn offset_ns(&mut self, stamp_ns: u64) -> u64 {
         let first_ns = *self.first_ns.get_or_insert(stamp_ns);
         let offset_ns = self.round_ns + stamp_ns.saturating_sub(first_ns);
@@ -24,7 +24,7 @@ impl Rounds {
         offset_ns
     }
 
-    /// A round ended: the next one begins one period after its last scan. False: it had no scan, and no other would have one.
+    /// Ends a round: the next one begins one period after its last scan. False: the round had no scan, so no other round would have one.
     pub(crate) fn next_round(&mut self) -> bool {
         let period_ns = match self.period_ns {
             0 => PERIOD_NS,

@@ -1,7 +1,7 @@
 //! UDP datagrams of a live sensor.
 //!
-//! The kernel's receive buffer is the queue: it is bounded, and what does not fit is counted by the kernel. So a reader that is late by less than the buffer
-//! holds loses nothing, and one that is later knows how much. The kernel stamps each datagram when it comes.
+//! The kernel's receive buffer is the queue. It is bounded, and the kernel counts the datagrams that do not fit. So a reader loses nothing while the
+//! buffer is not full, and otherwise knows how many datagrams it lost. The kernel stamps each datagram on arrival.
 
 use std::io::{Error, ErrorKind, IoSliceMut};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
@@ -16,7 +16,7 @@ use nix::{cmsg_space, errno::Errno, sys::time::TimeSpec};
 
 use crate::{SourceError, packets::Datagram};
 
-/// Half a second of the fastest sensor (VLS-128, two returns: 22 MB/s), rounded up; the system may grant less.
+/// Half a second of data from the fastest sensor (VLS-128, two returns: 22 MB/s), rounded up; the system may grant less.
 const BUFFER_BYTES: usize = 16 << 20;
 const DATAGRAM_BYTES_MAX: usize = 65_535;
 
@@ -31,7 +31,7 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// Listens at an address of this machine (0.0.0.0: at all), also one that it gets later, or joins a multicast group. [`receive`](Self::receive) waits `silence` at most.
+    /// Listens at an address that this machine has or gets later (0.0.0.0: all), or joins a multicast group. `silence`: longest wait of [`Self::receive`].
     pub fn open(address: SocketAddr, silence: Duration) -> Result<Receiver, SourceError> {
         let refused = |cause: Error| SourceError::io(format_args!("UDP {address}"), cause);
         let socket = bind(address, silence).map_err(refused)?;
@@ -47,22 +47,22 @@ impl Receiver {
         })
     }
 
-    /// Where it listens.
+    /// The address at which the socket listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// What the system granted of 16 MiB. Less than a tenth of a second of the sensor's data is too little: raise `net.core.rmem_max`.
+    /// Buffer size that the system granted of 16 MiB. Less than a tenth of a second of the sensor's data is too little: raise `net.core.rmem_max`.
     pub fn buffer_bytes(&self) -> usize {
         self.buffer_bytes
     }
 
-    /// Datagrams that the kernel dropped because the buffer was full, as of the last one that came.
+    /// Datagrams that the kernel dropped because the buffer was full, as of the last datagram that came.
     pub fn dropped(&self) -> u32 {
         self.dropped
     }
 
-    /// The next datagram; `None`: none came for as long as `silence`.
+    /// The next datagram; `None`: none came within `silence`.
     pub fn receive(&mut self) -> Result<Option<Datagram<'_>>, SourceError> {
         let mut parts = [IoSliceMut::new(&mut self.payload)];
         let (bytes, from, stamp_ns) = loop {
@@ -125,7 +125,7 @@ fn bind(address: SocketAddr, silence: Duration) -> Result<UdpSocket, Error> {
     Ok(socket)
 }
 
-/// At an address that this machine does not have yet: that of a network which comes up when the sensor does.
+/// Binds to an address that this machine does not have yet: its network comes up together with the sensor.
 fn bind_ahead(address: SocketAddr) -> Result<UdpSocket, Error> {
     tracing::warn!(%address, "no such address on this machine yet: waiting for it");
     let address = SockaddrStorage::from(address);
@@ -136,12 +136,12 @@ fn bind_ahead(address: SocketAddr) -> Result<UdpSocket, Error> {
     Ok(socket.into())
 }
 
-/// Asks for the buffer, the stamps and the count; gives the buffer's size.
+/// Requests the buffer, the stamps and the count of drops; returns the buffer's size.
 fn options(socket: &UdpSocket) -> Result<usize, Errno> {
     setsockopt(socket, sockopt::RcvBuf, &BUFFER_BYTES)?;
     setsockopt(socket, sockopt::ReceiveTimestampns, &true)?;
     setsockopt(socket, sockopt::RxqOvfl, &1)?;
-    // Linux doubles what it is asked for, for its own use.
+    // Linux doubles the requested size, for its own use.
     Ok(getsockopt(socket, sockopt::RcvBuf)? / 2)
 }
 

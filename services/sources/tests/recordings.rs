@@ -40,7 +40,7 @@ fn the_same_points_come_from_every_message_and_compression() {
         ("clouds.mcap", Some("/padded_rows"), 3),
         ("clouds.mcap", Some("/ros1"), 3),
         ("clouds.mcap", Some("/foxglove"), 3),
-        // What is damaged gives what it has, and is flagged.
+        // A damaged message gives the points that it has, and is flagged.
         ("clouds.mcap", Some("/cut"), 2),
         ("clouds.mcap", Some("/no_x"), 0),
     ] {
@@ -50,7 +50,7 @@ fn the_same_points_come_from_every_message_and_compression() {
         assert_eq!(scan.bytes, points[..16 * count], "{name} {topic:?}");
         let is_whole = scan.flags == Flags::default();
         assert_eq!(is_whole, count == 3, "{name} {topic:?}");
-        // When it was recorded, where nothing tells the sensor's time.
+        // The time of recording, if nothing gives the sensor's time.
         let stamp_ns = [1_000_000_000, 5_000_000_006][usize::from(count > 0)];
         assert_eq!(scan.stamp_ns, Some(stamp_ns));
     }
@@ -63,7 +63,7 @@ fn scans_come_as_they_were_recorded_round_after_round() {
         let mut source = open(&recording("lz4.mcap"), None, repeat).unwrap();
         assert_eq!(source.count(), Some(2));
         for sequence in sequences.clone() {
-            // Asked for once more, it is still there.
+            // A second request gives the same scan.
             for _ in 0..2 {
                 assert_eq!(load(&mut source, sequence, &mut scan), Next::Scan);
                 let found = (&*scan.name, scan.offset_ns);
@@ -94,7 +94,7 @@ fn points_are_corrected_by_whatever_tells_of_motion() {
             let (bytes, _) = scan.bytes.as_chunks();
             let numbers: Vec<f32> = bytes.iter().map(|v| f32::from_le_bytes(*v)).collect();
             for (number, [x, y, z, _]) in numbers.as_chunks::<4>().0.iter().enumerate() {
-                // The sensor looks to the robot's left: what is ahead of the robot lies to its right.
+                // The sensor faces the robot's left: what is ahead of the robot is on the sensor's right.
                 let off = [x - 10.0, y + 0.1 * number as f32, z + 1.0];
                 let is_near = off.iter().all(|off| off.abs() < 2e-3);
                 assert!(is_near, "{odometry:?} {number}: {off:?}");

@@ -1,4 +1,4 @@
-//! A pipeline as messages: each frame with its points, and the states, once a second where no frame comes.
+//! A pipeline as messages: each frame with its points and the states. Without a frame, the states come once a second.
 
 use std::time::Duration;
 
@@ -13,42 +13,42 @@ use mluc_runtime::{
 };
 use serde_json::json;
 
-/// Those of [`topics`], and the last one: the line of a frame in JSON.
+/// Number of topics: those of [`topics`], and a last one for the line of a frame in JSON.
 pub const TOPICS: usize = 6;
-/// Frame of reference where the sensor has no name.
+/// Frame of reference if the sensor has no name.
 const SENSOR_FRAME: &str = "lidar";
 const WAIT: Duration = Duration::from_secs(1);
-/// The stages come first.
+/// Nice value: the stages have a higher priority.
 const NICE: i32 = 10;
 
-/// In CDR by topic; `None`: there is no frame, or its points are gone.
+/// One message per topic, in CDR, the last one in JSON. `None`: no message, for example without a frame or if its points are gone.
 pub type Messages = [Option<Vec<u8>>; TOPICS];
 
-/// What there is to tell at one moment.
+/// All messages of one moment.
 pub struct Moment {
-    /// When, ns since 1970.
+    /// Time of the moment, ns since 1970.
     pub log_ns: u64,
-    /// Of a frame; `None`: the states alone.
+    /// Sequence number of the frame; `None`: there are only the states.
     pub sequence: Option<u64>,
-    /// What it says.
+    /// The messages by topic.
     pub messages: Messages,
 }
 
-/// Looks on at a pipeline, whenever there is one.
+/// Observes a pipeline whenever one runs.
 pub struct Follower {
-    // The ports go before the shell.
+    // Drop order: the ports before the shell.
     frames: Frames<Object>,
     object_points: Input<u32>,
-    /// The newest.
+    /// The newest message of `object_points`.
     indices: Option<Message<u32>>,
     health: HealthWatch,
     status: StatusWatch,
-    /// Counts the frames that it missed.
+    /// The connection to the instance. It counts the missed frames.
     pub shell: Shell,
     topics: [RosTopic; TOPICS - 1],
 }
 
-/// This thread, and those that it starts, yield to the stages from now on. A second call changes nothing.
+/// Lowers the priority of this thread and of the threads that it starts below the stages. A second call changes nothing.
 pub fn yield_to_stages() -> anyhow::Result<()> {
     let now = rustix::process::nice(0)?;
     rustix::process::nice((NICE - now).max(0))?;
@@ -56,13 +56,13 @@ pub fn yield_to_stages() -> anyhow::Result<()> {
 }
 
 impl Follower {
-    /// Joins the instance that is `named`, else that of the environment; no pipeline need run yet. From now on this process yields to the stages.
+    /// Joins the instance `named`, else the one of the environment; the pipeline may start later. Lowers this process's priority below the stages.
     pub fn open(named: Option<Instance>) -> anyhow::Result<Follower> {
         let instance = named.map_or_else(Instance::from_environment, Ok)?;
         yield_to_stages()?;
         let shell = Shell::observer(&instance, None, Shutdown::on_signals()?)?;
         let mut status = shell.status_watch()?;
-        // What waits in the queue may be the last word of a supervisor that is gone.
+        // Discards the queue: it may contain the last status of a supervisor that is gone.
         status.update()?;
         Ok(Follower {
             frames: Frames::new(&shell, &Topic::OBJECTS, Some(Scans::open(&shell, true)?))?,
@@ -75,7 +75,7 @@ impl Follower {
         })
     }
 
-    /// Waits for the newest frame while somebody `listens`. `None`: this process was asked to end.
+    /// Waits up to 1 s for the newest frame, which is encoded only if somebody `listens`. `None`: this process was asked to end.
     pub fn next(&mut self, listens: impl Fn() -> bool) -> anyhow::Result<Option<Moment>> {
         let next = self.frames.next_within(&mut self.shell, |_, _| (), WAIT)?;
         let mut moment = Moment {
@@ -101,7 +101,7 @@ impl Follower {
         Ok(Some(moment))
     }
 
-    /// All of a frame but the states. Errors: what is wrong with its objects.
+    /// All messages of a frame except the states. Errors: why its objects are not valid.
     fn tell(
         &self,
         message: &Message<Object>,
@@ -110,7 +110,7 @@ impl Follower {
     ) -> anyhow::Result<Messages> {
         let (frame, topics) = (message.header(), &self.topics);
         let classes: Vec<String> = run.class_names().map(str::to_string).collect();
-        // A copy: what lies in shared memory may change after the check.
+        // A copy, because shared memory may change after the check.
         let objects = message.elements().to_vec();
         let objects = Object::checked(frame, &objects, classes.len())?;
         let key = |message: &Message<u32>| (message.header().run_id, message.header().sequence);
@@ -131,7 +131,7 @@ impl Follower {
             Some(topics[1].encode(&detections(&head, objects, &classes))),
             Some(topics[2].encode(&markers(&head, objects, &classes))),
             None,
-            // Without a pose of its own it would replace the robot's.
+            // All zeros: no pose is set. Publishing it would replace the robot's own transform.
             (run.base_from_sensor != [0.0; 6])
                 .then(|| topics[4].encode(&transform(&head, run.base_from_sensor))),
             Some(serde_json::to_vec(&line)?),

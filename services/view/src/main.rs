@@ -1,6 +1,6 @@
 //! The program `mluc-view`, which `mluc view` and `mluc record` start: a running pipeline in a browser, or in a file.
 //!
-//! It looks on like any consumer: the newest frame wins, and nothing in the pipeline waits for it.
+//! It observes like any consumer: it takes the newest frame, and nothing in the pipeline waits for it.
 
 mod record;
 mod server;

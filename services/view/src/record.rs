@@ -11,12 +11,12 @@ use mluc_runtime::{Input, Payload, RuntimeError, Shell};
 use mluc_view::{Follower, TOPICS};
 use serde_json::json;
 
-/// Finished, but a frame is missing.
+/// Exit code: the recording finished, but a frame is missing.
 const EXIT_WARNINGS: u8 = 3;
 
 pub(crate) fn record(mut follower: Follower, out: &Path, has_stages: bool) -> Result<ExitCode> {
     let about = || format!("recording to {}", out.display());
-    // Nothing that is there is overwritten.
+    // An existing file is not overwritten.
     let file = BufWriter::new(File::create_new(out).with_context(about)?);
     // lz4: the pipeline needs the processor.
     let options = WriteOptions::new().profile("ros2");
@@ -47,14 +47,14 @@ pub(crate) fn record(mut follower: Follower, out: &Path, has_stages: bool) -> Re
             of_stages = vec![features.of(frame)?, detections.of(frame)?];
         }
         let lacks_stages = of_stages.contains(&None);
-        // The scan of the first frame may be older than this process.
+        // Skips incomplete frames at the start: their scans may be older than this process.
         if frames == 0 && (lacks_points || lacks_stages) {
             continue;
         }
         frames += u64::from(moment.sequence.is_some());
         without_points += u64::from(lacks_points);
         without_stages += u64::from(lacks_stages);
-        // The channels are in the order of the messages; the last one is text, so that the file stays one of ROS.
+        // The channels are in the order of the messages. The last one becomes a text message, so that ROS can read the file.
         let mut messages = moment.messages;
         if let Some(json) = messages.last_mut().and_then(Option::take) {
             let text = String::from_utf8(json).context("a line")?;
@@ -89,10 +89,10 @@ pub(crate) fn record(mut follower: Follower, out: &Path, has_stages: bool) -> Re
     Ok(ExitCode::from(if is_whole { 0 } else { EXIT_WARNINGS }))
 }
 
-/// What a stage publishes, until the objects of the same frame come.
+/// Keeps a stage's messages until the objects of the same frame arrive.
 struct StageMessages<T: Payload> {
     input: Input<T>,
-    /// By run and sequence.
+    /// Messages with their run and sequence.
     waiting: VecDeque<((u64, u64), Vec<u8>)>,
 }
 
@@ -104,7 +104,7 @@ impl<T: Payload> StageMessages<T> {
         })
     }
 
-    /// The message of a frame; `None`: a later one overtook it. Earlier ones are let go.
+    /// The message of a frame; `None`: a later message replaced it. Messages of earlier frames are dropped.
     fn of(&mut self, frame: (u64, u64)) -> Result<Option<Vec<u8>>, RuntimeError> {
         while let Some(message) = self.input.oldest()? {
             let (header, elements) = (message.header(), message.elements());

@@ -1,6 +1,6 @@
 //! `mluc view`: a page, and a socket that speaks the Foxglove WebSocket protocol (foxglove/ws-protocol on GitHub), on loopback alone.
 //!
-//! A thread for each client and one place for the newest moment: a slow client misses moments. What a client sends wrong is refused and counted.
+//! Each client has a thread, and only the newest moment is kept: a slow client misses moments. An invalid request is refused and counted.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
@@ -20,9 +20,9 @@ use tungstenite::{error::ProtocolError::ResetWithoutClosingHandshake, http::Head
 const PAGE: &str = include_str!("page.html");
 const PAGE_HEAD: &str =
     "HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nConnection: close\r\n\r\n";
-/// Two names of one protocol, as far as it is used here.
+/// Two names; for the part that is used here, both mean the same protocol.
 const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
-/// Pages that may use the socket: another site's, open in a browser here, must not read what the robot sees.
+/// Origins of pages that may use the socket. A page of another site, open in a browser here, must not read what the robot sees.
 const ORIGINS: [&str; 4] = [
     "http://127.0.0.1:",
     "http://localhost:",
@@ -31,18 +31,18 @@ const ORIGINS: [&str; 4] = [
 ];
 const LINE_SCHEMA: &str = include_str!("../../../docs/objects.schema.json");
 const CLIENTS_MAX: usize = 8;
-/// Bytes of a request or a message.
+/// Largest request or message, bytes.
 const REQUEST_MAX: usize = 8192;
-/// For a request, and for a client that takes nothing.
+/// Time limit for reading a request, and for a send that the client does not accept.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Between two looks for a new moment.
+/// Interval between two checks for a new moment.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// What the clients' threads share with the pipeline's.
+/// State that the clients' threads share with the pipeline's thread.
 #[derive(Default)]
 struct Shared {
     newest: Mutex<Option<Arc<Moment>>>,
-    /// Requests and messages.
+    /// Number of refused requests and messages.
     refused: AtomicU64,
 }
 
@@ -61,7 +61,7 @@ pub(crate) fn view(mut follower: Follower, port: u16) -> anyhow::Result<ExitCode
     let shared = Arc::new(Shared::default());
     let own = shared.clone();
     std::thread::spawn(move || receive(&listener, &own));
-    // This thread and the receiving one have one each.
+    // This thread and the receiving thread hold one reference each. Any other reference belongs to a client.
     while let Some(moment) = follower.next(|| Arc::strong_count(&shared) > 2)? {
         let mut newest = shared.newest.lock().unwrap_or_else(PoisonError::into_inner);
         *newest = Some(Arc::new(moment));
@@ -153,7 +153,7 @@ fn converse(stream: TcpStream, shared: &Shared, protocol: HeaderValue) -> Result
         sent_ns = moment.log_ns;
         for (id, topic) in &subscriptions {
             if let Some(data) = &moment.messages[*topic] {
-                // Opcode, subscription, time.
+                // Header: opcode, subscription, time.
                 let head = [&[1][..], &u32::to_le_bytes(*id), &sent_ns.to_le_bytes()].concat();
                 socket.send(Message::binary([&head, &data[..]].concat()))?;
             }
@@ -161,7 +161,7 @@ fn converse(stream: TcpStream, shared: &Shared, protocol: HeaderValue) -> Result
     }
 }
 
-/// What a client is told first.
+/// The first two messages to a client: server information and channels.
 fn introduction() -> [Value; 2] {
     let mut channels = vec![json!({
         "id": TOPICS - 1, "topic": "/mluc/frame", "encoding": "json",

@@ -1,4 +1,4 @@
-//! What a client of the socket asks for.
+//! Requests of a client of the socket.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use crate::TOPICS;
 
 const SUBSCRIPTIONS_MAX: usize = 32;
 
-/// What a client may ask for.
+/// A request of a client.
 #[derive(Deserialize)]
 #[serde(tag = "op", rename_all = "camelCase", rename_all_fields = "camelCase")]
 enum Wish {
@@ -16,7 +16,7 @@ enum Wish {
     Unsubscribe { subscription_ids: Vec<u32> },
 }
 
-/// The client's own number, and a topic.
+/// A topic, and the client's own number for it.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct Subscription {
@@ -24,7 +24,7 @@ struct Subscription {
     channel_id: usize,
 }
 
-/// Does what a message asks for. `topics`: by the client's own number. Error: what is wrong with it.
+/// Applies a client's message to `topics`, which maps the client's own numbers to topics. Errors: what is wrong with the message.
 pub fn subscribe(text: &str, topics: &mut BTreeMap<u32, usize>) -> Result<(), String> {
     match serde_json::from_str(text).map_err(|error| error.to_string())? {
         Wish::Subscribe { subscriptions } => {

@@ -1,4 +1,4 @@
-//! What cannot be begun is refused in words, and leaves everything as it was.
+//! A start that is not possible is refused with a clear message, and leaves everything unchanged.
 
 use std::{net::TcpListener, process::Command};
 

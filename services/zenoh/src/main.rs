@@ -1,5 +1,5 @@
-//! The program `mluc-zenoh`, which `mluc zenoh` starts: objects and states of a running pipeline to other computers. Nothing in the
-//! pipeline waits for it, and it waits for no network: what a link does not take is dropped.
+//! The program `mluc-zenoh`, which `mluc zenoh` starts. It sends objects and states of a running pipeline to other computers. Nothing in the
+//! pipeline waits for it, and it waits for no network: a message that a link does not accept is dropped.
 
 use std::time::{Duration, Instant};
 use std::{path::PathBuf, process::ExitCode};
@@ -13,7 +13,7 @@ use zenoh::bytes::Encoding;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Config, Wait};
 
-/// Places in a moment's messages, names, encodings; the clouds last.
+/// The keys: index in a moment's messages, name, encoding. The clouds are last.
 const KEYS: [(usize, &str, Encoding); 5] = [
     (TOPICS - 1, "frame", Encoding::APPLICATION_JSON),
     (1, "objects", Encoding::APPLICATION_CDR),
@@ -22,7 +22,7 @@ const KEYS: [(usize, &str, Encoding); 5] = [
     (0, "points", Encoding::APPLICATION_CDR),
 ];
 
-/// Whoever is to be reached is there by then.
+/// If there is no connection after this time, a warning is logged.
 const REACHED_WITHIN: Duration = Duration::from_secs(5);
 
 /// Publish objects and states of a running pipeline over zenoh, until Ctrl-C.
@@ -51,7 +51,7 @@ struct Cli {
 }
 
 impl Cli {
-    /// Without a file: a peer that listens nowhere, looks for nobody, and connects again by itself.
+    /// Configuration of zenoh. Without a file: a peer that does not listen, does not scout, and reconnects by itself.
     fn zenoh(&self) -> zenoh::Result<Config> {
         let mut config = match &self.config {
             Some(path) => Config::from_file(path)?,
@@ -69,7 +69,7 @@ impl Cli {
     }
 }
 
-/// The crate's errors have no types of their own.
+/// Adds what failed to an error of zenoh; zenoh's errors have no types of their own.
 fn told<T>(what: &str, done: zenoh::Result<T>) -> anyhow::Result<T> {
     done.map_err(|error| anyhow!("{what}: {error}"))
 }
@@ -90,7 +90,7 @@ fn main() -> ExitCode {
 fn run(cli: &Cli) -> anyhow::Result<()> {
     let config = told("--connect, --listen, --config", cli.zenoh())?;
     yield_to_stages()?;
-    // It may take for ever; a signal still ends the program.
+    // Opening may never return; a signal still ends the program.
     let session = told("opening a zenoh session", zenoh::open(config).wait())?;
     let mut follower = Follower::open(cli.instance.clone())?;
     let default = format!("mluc/{}", follower.shell.instance().name());

@@ -1,4 +1,4 @@
-//! Another client at the other end: the Python package of zenoh hears the objects that `mluc up` prints (`client.py`).
+//! Another client at the other end: the Python package of zenoh receives the objects that `mluc up` prints (`client.py`).
 
 use std::{net::TcpListener, process::Command};
 

@@ -1,5 +1,5 @@
 //! The program `mluc-contract`: plays the stages around a program and judges whether it keeps the contract
-//! (`docs/CONTRACT.md`). A suite for each place: a source, a refiner (`mluc refiner-test` starts `mluc-contract refiner`), a consumer.
+//! (`docs/CONTRACT.md`). There is one suite per place: source, refiner (`mluc refiner-test` starts `mluc-contract refiner`), consumer.
 //!
 //! Reports go to stdout, everything else to stderr. Exit codes: 0 all cases passed, 1 a case failed or the suite could not run, 2 usage.
 
@@ -32,8 +32,8 @@ enum Which {
     Refiner(refiner::RefinerArgs),
     /// Test any program that publishes scans in ingest's place: its input should hold 20 scans or more.
     Source(SuiteArgs),
-    /// Test any program that looks on. It shall write a line of JSON with the key `sequence` to stdout for each frame that it takes;
-    /// where the line has `objects`, those published, and where each of these has `points`, their number, they are compared.
+    /// Test any program that only reads. It shall write a line of JSON with the key `sequence` to stdout for each frame that it takes.
+    /// If a line has `objects`, they must be the published ones; if an object has `points`, it must be their number.
     Consumer(SuiteArgs),
 }
 

@@ -10,10 +10,10 @@ use mluc_runtime::{Instance, Shutdown};
 use rustix::process::{Pid, Signal, kill_process_group};
 use serde_json::Value;
 
-/// Of what it wrote, this much goes into the report, bytes.
+/// The report quotes at most this much of the program's stderr, bytes.
 const WORDS_MAX: u64 = 4096;
 
-/// After SIGTERM. The supervisor is less patient (0.6 s) and kills then; a loaded test machine is slow.
+/// Time to end after SIGTERM. The supervisor waits only 0.6 s and then kills; a loaded test machine is slow.
 const END_PATIENCE: Duration = Duration::from_secs(3);
 
 /// What a suite shall test, and how.
@@ -21,14 +21,14 @@ const END_PATIENCE: Duration = Duration::from_secs(3);
 pub(crate) struct Options {
     pub(crate) title: String,
     pub(crate) command: Vec<String>,
-    /// The first run that it sees.
+    /// The first run that the program sees.
     pub(crate) run: RunDescription,
-    /// How long an answer, or a start, may take. A program that needs longer failed.
+    /// Limit for an answer or a start. A program that needs longer has failed.
     pub(crate) patience: Duration,
     pub(crate) shutdown: Shutdown,
 }
 
-/// A running program, in a process group of its own: signals reach what a shell in between started, too.
+/// A running program in its own process group: signals also reach processes that a shell in between started.
 pub(crate) struct Program {
     process: Child,
     out: File,
@@ -36,7 +36,7 @@ pub(crate) struct Program {
 }
 
 impl Program {
-    /// In an instance, whose name in its environment is all that it needs.
+    /// Starts the program in an instance. The instance's name in its environment is all that it needs.
     pub(crate) fn start(command: &[String], instance: &Instance) -> anyhow::Result<Program> {
         let (program, arguments) = command.split_first().context("no program given")?;
         let file = || tempfile::tempfile().context("a file for what it writes");
@@ -69,17 +69,17 @@ impl Program {
         self.ended()
     }
 
-    /// The end of what it wrote to stderr.
+    /// The end of the program's stderr.
     pub(crate) fn last_words(&self) -> anyhow::Result<String> {
         let length = self.words.metadata()?.len();
         let mut words = vec![0; length.min(WORDS_MAX) as usize];
-        // Not by seeking: the program writes at the same position of the file.
+        // Reads without seeking: the program writes at the same position of the file.
         self.words
             .read_exact_at(&mut words, length.saturating_sub(WORDS_MAX))?;
         Ok(String::from_utf8_lossy(&words).trim().to_string())
     }
 
-    /// What it wrote to stdout, whole lines.
+    /// The whole lines of the program's stdout.
     pub(crate) fn lines(&self) -> anyhow::Result<Vec<Value>> {
         let mut text = vec![0; self.out.metadata()?.len() as usize];
         self.out.read_exact_at(&mut text, 0)?;
@@ -96,12 +96,12 @@ impl Program {
 
     pub(crate) fn signal(&self, signal: Signal) {
         if let Some(group) = Pid::from_raw(self.process.id() as i32) {
-            // It may have ended already.
+            // The process may already have ended.
             let _ = kill_process_group(group, signal);
         }
     }
 
-    /// By force, and waits until it is gone.
+    /// Kills the process and waits until it is gone.
     pub(crate) fn kill(&mut self) {
         if self.ended().is_none() {
             self.signal(Signal::KILL);
@@ -116,12 +116,12 @@ impl Drop for Program {
     }
 }
 
-/// A program in an instance of its own.
+/// A program in its own instance.
 pub(crate) struct Tested {
     pub(crate) options: Options,
     pub(crate) instance: Instance,
     program: Option<Program>,
-    /// Whether a start of it ever came so far that it took part.
+    /// Whether the program ever took part after a start.
     pub(crate) was_ready: bool,
 }
 
@@ -148,7 +148,7 @@ impl Tested {
         self.program = None;
     }
 
-    /// In place of the one that may run.
+    /// Starts the program in place of one that may be running.
     pub(crate) fn start(&mut self) -> anyhow::Result<()> {
         self.program = None;
         self.program = Some(Program::start(&self.options.command, &self.instance)?);
@@ -172,7 +172,7 @@ impl Tested {
         Ok(())
     }
 
-    /// What `look` finds within the patience, while the program lives. `look` takes its time.
+    /// What `look` finds within the patience while the program lives. `look` itself must pause.
     pub(crate) fn await_any<T>(
         &mut self,
         awaited: &str,
@@ -190,7 +190,7 @@ impl Tested {
         }
     }
 
-    /// Asks it to end; says how long that took.
+    /// Asks the program to end; reports how long that took.
     pub(crate) fn terminate(&mut self) -> anyhow::Result<String> {
         let begun = Instant::now();
         self.program()?.signal(Signal::TERM);

@@ -1,16 +1,16 @@
-//! What the suite found.
+//! The suite's results.
 
 use minijinja::{Environment, value::Serde};
 use serde::Serialize;
 
 #[derive(Serialize)]
 pub(crate) struct Verdict {
-    /// A word: `overload`.
+    /// One word, for example `overload`.
     pub(crate) name: &'static str,
-    /// What the contract asks there.
+    /// What the contract requires in this case.
     pub(crate) asks: &'static str,
     pub(crate) passed: bool,
-    /// Passed: what was seen. Failed: why.
+    /// If passed: what was seen. If failed: the reason.
     pub(crate) what: String,
     pub(crate) ms: u64,
 }
@@ -20,7 +20,7 @@ pub(crate) struct Report {
     program: String,
     passed: usize,
     failed: usize,
-    /// Not tried, because the program never started.
+    /// Cases that were not tried because the program never started.
     not_run: usize,
     cases: Vec<Verdict>,
 }
@@ -42,7 +42,7 @@ impl Report {
         self.failed == 0 && self.passed > 0
     }
 
-    /// A line a case, and the sum.
+    /// One line per case, and the totals.
     pub(crate) fn text(&self) -> String {
         let text = Environment::new().render_str(include_str!("report.txt"), Serde(self));
         text.expect("a template that fits its values") + "\n"

@@ -1,4 +1,4 @@
-//! What the suites share: their cases, one after the other on each program, and the command line.
+//! The common parts of the suites: their cases, which run one after the other on each program, and the command line.
 
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -17,7 +17,7 @@ use mluc_runtime::{
 use crate::program::{Options, Program, Tested};
 use crate::report::{Report, Verdict};
 
-/// What was seen when it passed; why not when it failed.
+/// If the case passed: what was seen. If it failed: the reason.
 pub(crate) type Outcome = anyhow::Result<String>;
 
 /// A part of the contract, by name.
@@ -31,18 +31,18 @@ pub(crate) struct Session<P> {
 
 /// Plays the stages around one program.
 pub(crate) trait Suite: Sized + 'static {
-    /// In the order they run; the first one starts the program.
+    /// The cases in the order in which they run; the first one starts the program.
     const CASES: &'static [Case<Session<Self>>];
-    /// `NAME: what the contract asks there`, a line for every case.
+    /// `NAME: what the contract requires there`, one line per case.
     const ASKS: &'static str;
 
     fn new(instance: &Instance, options: &Options) -> anyhow::Result<Self>;
 
-    /// Has the program take part, for a case that begins.
+    /// Brings the program into operation before a case begins.
     fn ready(session: &mut Session<Self>) -> anyhow::Result<()>;
 }
 
-/// Of every suite.
+/// Options of every suite.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct SuiteArgs {
     /// Model whose classes the messages have: built in or a model file.
@@ -78,7 +78,7 @@ pub(crate) fn begin_run(shell: &mut Shell, run: &mut RunDescription) -> anyhow::
     Ok(())
 }
 
-/// A stage's three stamps, all of this moment.
+/// Sets a stage's three stamps to the current time.
 pub(crate) fn stamp(header: &mut FrameHeader, stage: Stage) {
     let now_ns = monotonic_ns();
     let stamps = header.stamps_mut(stage);
@@ -86,7 +86,7 @@ pub(crate) fn stamp(header: &mut FrameHeader, stage: Stage) {
     stamps.published_ns = now_ns;
 }
 
-/// Judges programs, each with its title.
+/// Judges programs; each has a title.
 pub(crate) fn run<S: Suite>(
     args: &SuiteArgs,
     programs: Vec<(String, Vec<String>)>,
@@ -122,7 +122,7 @@ pub(crate) fn run<S: Suite>(
     Ok(ExitCode::from(if is_passed { 0 } else { EXIT_FAILURE }))
 }
 
-/// A program that never became ready is not asked for more: every case would fail for the same reason.
+/// Skips the other cases if the program never became ready: all would fail for the same reason.
 fn judge<S: Suite>(options: Options, wanted: &[String]) -> anyhow::Result<Report> {
     let title = options.title.clone();
     let tested = Tested::new(options)?;
@@ -173,7 +173,7 @@ pub(crate) fn run_command<S: Suite>(args: &SuiteArgs) -> anyhow::Result<ExitCode
     run::<S>(args, vec![(words.join(" "), command)])
 }
 
-/// `mluc WORDS` tied to this process, then `more` words.
+/// `mluc WORDS`, tied to this process, followed by the words of `more`.
 pub(crate) fn supervised(words: &[&str], more: &[&str]) -> Vec<String> {
     let program = installed_program("mluc").display().to_string();
     let supervisor = std::process::id().to_string();
@@ -190,7 +190,7 @@ pub(crate) fn names_both(text: &str, other: u32) -> bool {
     versions.all(|version| numbers.contains(&version))
 }
 
-/// Starts the program in an instance whose contract file tells another version; gives what it says.
+/// Starts the program in an instance whose contract file names another version; returns the program's message.
 pub(crate) fn wrong_instance(options: &Options) -> anyhow::Result<String> {
     let instance = Instance::new(&format!("suite-w-{}", std::process::id()))?;
     let member = Membership::join(&instance, "suite")?;

@@ -1,4 +1,4 @@
-//! `mluc-contract`: our refiners and the examples in Python and C++ pass, a program with a fault does not.
+//! `mluc-contract`: our refiners and the examples in Python and C++ pass; a program with a fault does not.
 
 use std::{process::Command, time::Duration};
 
@@ -7,7 +7,7 @@ use mluc_tests::{
 };
 use serde_json::Value;
 
-/// `mluc-contract KIND OPTIONS`, before which a refiner gets a model.
+/// `mluc-contract KIND OPTIONS`; for a refiner a model is added before the options.
 fn contract(kind: &str, options: &[&str]) -> Finished {
     let folder = tempfile::tempdir().expect("a folder");
     let mut program = Command::new(env!("CARGO_BIN_EXE_mluc-contract"));
@@ -18,7 +18,7 @@ fn contract(kind: &str, options: &[&str]) -> Finished {
     Running::start(program.args(options)).finish_within(Duration::from_secs(600))
 }
 
-/// Exit code and reports, one a program.
+/// Exit code and reports, one per program.
 fn suite(kind: &str, options: &[&str]) -> (Option<i32>, Vec<Value>) {
     let run = contract(kind, &[&["--json"], options].concat());
     let reports = run.lines.first().and_then(Value::as_array);
@@ -26,7 +26,7 @@ fn suite(kind: &str, options: &[&str]) -> (Option<i32>, Vec<Value>) {
     (run.code, reports.clone())
 }
 
-/// The same of one program.
+/// Exit code and report of one program.
 fn suite_of(kind: &str, options: &[&str], command: &[String]) -> (Option<i32>, Value) {
     let command: Vec<&str> = command.iter().map(String::as_str).collect();
     let (code, mut reports) = suite(kind, &[options, &["--"], &command].concat());
@@ -45,7 +45,7 @@ fn our_refiner_passes_in_every_mode() {
             let case = cases.iter().find(|c| c["name"] == case).expect("the case");
             case.to_string()
         };
-        // What the contract leaves open, ours does.
+        // Our refiners also do what the contract leaves open.
         for (case, said) in [
             ("scene", "health counts the candidates"),
             ("sent_again", "the same objects"),
@@ -58,7 +58,7 @@ fn our_refiner_passes_in_every_mode() {
     assert_eq!(reports.len(), 4, "one report a variant");
 }
 
-/// Refiners: `foreign_refiners`, through `mluc refiner-test`.
+/// Examples of refiners are tested in `foreign_refiners`, through `mluc refiner-test`.
 fn examples_pass(kind: &str, input: &[String], cases: u64) {
     let examples = [python_example(kind), cpp_example(kind)];
     for command in examples.into_iter().flatten() {
@@ -79,7 +79,7 @@ fn the_consumers_pass() {
     examples_pass("consumer", &[], 11);
 }
 
-/// A sound program passes; one with each of `faults` (what is wrong, the case that must find it, words of the reason) does not.
+/// A sound program passes. A program with one of `faults` (the fault, the case that must find it, words of the reason) does not.
 fn is_found_out(kind: &str, faults: &str) {
     let Some(script) = python_script(&format!("tests/contract/tests/wrong_{kind}.py")) else {
         return;

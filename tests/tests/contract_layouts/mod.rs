@@ -1,4 +1,4 @@
-//! Field by field: what Rust's compiler laid out, and what C's and Python's descriptions come to.
+//! Field by field: the layouts of Rust's compiler, and the layouts that follow from the descriptions in C and Python.
 
 use std::mem::offset_of;
 
@@ -31,7 +31,7 @@ macro_rules! layout {
     }};
 }
 
-/// Everything that crosses the refiner's border.
+/// All structures that cross the refiner's interface.
 pub(crate) fn layouts() -> Vec<Layout> {
     vec![
         layout!(FrameHeader:
@@ -62,7 +62,7 @@ pub(crate) fn layouts() -> Vec<Layout> {
     ]
 }
 
-/// The next field, where C puts it.
+/// Adds the next field at the offset where C places it.
 fn push(fields: &mut Fields, name: &str, element_bytes: usize, count: usize) {
     let end = fields.last().map_or(0, |(_, offset, bytes)| offset + bytes);
     let offset = end.next_multiple_of(element_bytes);

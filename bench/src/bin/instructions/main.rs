@@ -1,8 +1,8 @@
 //! Fixed work, cut into parts, for a program that counts instructions: `.ci/callgrind` runs it under valgrind, `.ci/aarch64`
 //! under emulation, and both compare the counts with recorded ones. Prints the name of each part in order.
 //!
-//! One invented scan, a sixteenth of KITTI's range (valgrind is a hundred times slower), the network `compact` with weights by formula, one thread. The part
-//! before each [`instructions_mark`] is what it names; the first is the loading of the model.
+//! One synthetic scan, a sixteenth of KITTI's range (valgrind is 100 times slower), the network `compact` with weights by formula, one thread. Each
+//! [`instructions_mark`] names the part before it; the first part is the loading of the model.
 
 mod scene;
 
@@ -16,7 +16,7 @@ use mluc_model::{Grid, Manifest, Network, WeightSet, formula_weights};
 use mluc_refiner::{Refiner, RefinerOutput, Sensor, Settings};
 use mluc_train::{TrainError, quantize::measure_ranges};
 
-/// Frames of each precision; the first finds memory that was never touched.
+/// Frames of each precision; the first touches its memory for the first time.
 const FRAMES: usize = 2;
 const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::Int8];
 
@@ -69,7 +69,7 @@ fn network(
     let last_sparse = manifest.network.sparse.last();
     let last_sparse = last_sparse.map_or("", |layer| layer.name.as_str());
     for frame in 0..FRAMES {
-        // The first frame is loading and memory that is touched for the first time.
+        // All but the last frame count as start: they load, and touch memory for the first time.
         let name = |part: &str| match frame + 1 {
             FRAMES => format!("{precision}.{part}"),
             _ => "start".to_owned(),

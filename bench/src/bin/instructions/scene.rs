@@ -1,4 +1,4 @@
-//! A scan made by arithmetic alone: ground in rings, a wall on each side, boxes on the ground, and a candidate at each. The same on every machine.
+//! A scan made by arithmetic alone: ground in rings, a wall on each side, boxes on the ground, a candidate at each box. Every machine makes the same.
 
 use mluc_ipc_types::{Detection, DetectionKind};
 
@@ -14,11 +14,11 @@ fn place(number: usize) -> [f32; 2] {
     [4.5 + 3.6 * row, -6.5 + 5.0 * column + 0.7 * row]
 }
 
-/// x, y, z, intensity.
+/// The points of the scan: x, y, z in m, intensity.
 pub(crate) fn points() -> Vec<[f32; 4]> {
     let mut points = vec![];
     for ring in 0..40 {
-        // Points of a parabola: as dense near the sensor as rings are, without an angle.
+        // A parabola in place of a ring: as dense near the sensor, but computed without angles.
         let range = 2.5 + 0.4 * ring as f32;
         points.extend((0..200).map(|step| {
             let y = (step as f32 - 99.5) * 0.01 * range;
@@ -47,7 +47,7 @@ pub(crate) fn points() -> Vec<[f32; 4]> {
     points
 }
 
-/// Off by some decimetres and of a car's size, as a detector that does not know the class makes them.
+/// Candidates off by some decimetres and of a car's size, like those of a detector that does not know the class.
 pub(crate) fn candidates() -> Vec<Detection> {
     let candidate = |number: usize| {
         let [x, y] = place(number);

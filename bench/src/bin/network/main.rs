@@ -1,8 +1,8 @@
 //! Time of the network on real scans: `network --profile compact --precision bf16 --threads 2 --scan FILE --json`.
 //!
-//! `compact` has the weights of the shipped `kitti` model, `second` weights by formula (none are trained); int8 measures the
-//! ranges that it lacks on the scans turned left to right. With `--json` one object a run: milliseconds by part; without it a
-//! table of every step. Frames run as on the vehicle; the backbone says when a step is done.
+//! `compact` has the weights of the shipped `kitti` model, `second` has weights by formula (none are trained). int8 measures
+//! missing ranges on the mirrored scans (left to right). With `--json`: one object per run, milliseconds by part. Without it: a
+//! table of every step. Frames run as on the vehicle; the backbone reports when a step is done.
 
 mod measure;
 mod report;
@@ -65,7 +65,7 @@ fn main() -> Result<()> {
     let scans = scans.map(|scan| Ok((scan, read_scan(scan)?)));
     let scans: Vec<_> = scans.collect::<Result<_>>()?;
     if arguments.precision == Precision::Int8 && !weights.is_calibrated() {
-        // Of the scans turned left to right: like those that are measured, and not the same.
+        // Ranges from the mirrored scans (left to right): similar to the measured scans, but not the same.
         let turned = scans.iter().map(|(_, points)| {
             let turned = points.iter().map(|&[x, y, z, i]| [x, -y, z, i]);
             Ok::<Vec<_>, TrainError>(turned.collect())

@@ -1,4 +1,4 @@
-//! One scan, many frames.
+//! Times many frames of one scan.
 
 use anyhow::Result;
 use mluc_backbone::{Backbone, Precision};
@@ -8,7 +8,7 @@ use mluc_refiner::{ClusterScorer, Refiner, RefinerOutput, Sensor, Settings};
 
 use crate::report::{Frame, Record, Start};
 
-/// Frames before the clock counts: the first one, which has a time of its own, and one more.
+/// Frames before the timed ones: the first, whose time is reported separately, and one more.
 const UNTIMED: usize = 2;
 
 pub(crate) fn measure(
@@ -22,7 +22,7 @@ pub(crate) fn measure(
     let mut head = Head::new(manifest, weights)?;
     let cells_max: usize = backbone.map_shape().iter().product();
     let channels = backbone.feature_channels();
-    // Touched, as the vehicle's shared memory is.
+    // Filled, so that the memory is touched, as the vehicle's shared memory is.
     let (mut cells, mut rows) = (vec![1; cells_max], vec![1.0; cells_max * channels]);
     let mut detections = Vec::with_capacity(manifest.thresholds.boxes_max as usize);
     let scorer = ClusterScorer::of_model(weights);
@@ -66,7 +66,7 @@ pub(crate) fn measure(
     Ok(())
 }
 
-/// So many candidates: at every box in turn, later ones up to 1 m beside it.
+/// `count` candidates: one at every box in turn, later ones shifted by up to 1 m.
 fn candidates_at(detections: &[Detection], count: usize) -> Vec<Detection> {
     let repeated = detections.iter().cycle().take(count);
     let at = |(place, detection): (usize, &Detection)| {

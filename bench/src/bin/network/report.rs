@@ -6,8 +6,8 @@ use mluc_geometry::quantile_of;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use serde_json::{Value, json};
 
-/// The parts of the network: rulebooks are in `sparse3d`, the fold of the height and the writing of feature rows in
-/// `dense2d`, all but the backbone (1x1 convolutions, decoding, suppression, scores) in `head`.
+/// The parts of the network. `sparse3d` includes the rulebooks; `dense2d` includes folding the height and writing feature rows;
+/// `head` is everything after the backbone (1x1 convolutions, decoding, suppression, scores).
 pub(crate) const PARTS: [&str; 4] = ["voxelize", "sparse3d", "dense2d", "head"];
 
 #[derive(Default)]
@@ -20,7 +20,7 @@ struct Step {
     part: &'static str,
     name: String,
     ms: f64,
-    /// Of all threads.
+    /// CPU time of all threads.
     cpu_ms: f64,
 }
 
@@ -59,11 +59,11 @@ impl Frame {
     }
 }
 
-/// All frames.
+/// The timed frames of all scans.
 #[derive(Default)]
 pub(crate) struct Record {
     pub(crate) frames: Vec<Frame>,
-    /// Of each scan's first frame after the model was loaded.
+    /// Time of each scan's first frame after the model was loaded.
     pub(crate) first_ms: Vec<f64>,
 }
 
@@ -93,7 +93,7 @@ impl Record {
         quantile_of(self.frames.iter().map(value).collect(), q).unwrap_or(0.0)
     }
 
-    /// A line a step, over all frames of all scans.
+    /// Prints one line per step, over all frames of all scans.
     pub(crate) fn print(&self) {
         println!("{:24}   min ms   p50 ms   p99 ms", "step");
         for (place, name) in self.steps() {
@@ -104,7 +104,7 @@ impl Record {
         println!("first frame              {}", first.join(" "));
     }
 
-    /// Place and name, the same in every frame.
+    /// Index and name of each step, the same in every frame.
     fn steps(&self) -> impl Iterator<Item = (usize, &str)> {
         let steps = self.frames.first().map_or(&[][..], |frame| &frame.steps);
         steps.iter().map(|step| step.name.as_str()).enumerate()
@@ -116,7 +116,7 @@ impl Record {
     }
 }
 
-/// To four digits after the point.
+/// Rounds to four decimals.
 fn rounded(value: f64) -> Value {
     json!((value * 1e4).round() / 1e4)
 }

@@ -1,11 +1,11 @@
-//! Listing present rows with AVX-512: sixteen rows of indices are turned into sixteen taps, and each tap's present entries pressed together.
+//! Lists present rows with AVX-512: sixteen rows of indices are transposed into sixteen taps, and the present entries of each tap are compressed.
 
 use std::arch::x86_64::*;
 
 use super::Avx512;
 use crate::simd::list::{GROUP, Lists};
 
-/// As [`crate::simd::Simd::list`]. The processor is proof that it has the registers.
+/// As [`crate::simd::Simd::list`]. The first argument proves that the processor has the registers.
 #[inline(always)]
 pub(super) fn list<const BF16: bool, const VNNI: bool>(
     _: Avx512<BF16, VNNI>,
@@ -15,9 +15,9 @@ pub(super) fn list<const BF16: bool, const VNNI: bool>(
     let (index, taps, rows) = (lists.index, lists.taps, lists.rows);
     let width = (taps - first).min(GROUP);
     lists.counts = [0; GROUP];
-    // SAFETY: the first argument is the proof of the features. Loads: `tile` reads rows below `rows` only, of them
-    // `width` taps from `first` on. Stores: before a store a tap has at most as many pairs as rows came before, so at
-    // most 96 - 8 where 8 more are written, and there is room for 8 beyond 96.
+    // SAFETY: the first argument is the proof of the features. Loads: `columns` reads rows below `rows` only, and `width`
+    // taps of each row from `first` on. Stores: a store writes 8 pairs. Before it, a tap has at most as many pairs as
+    // rows came before, so at most 96 - 8, and there is room for 8 pairs beyond 96.
     unsafe {
         let (absent, one) = (_mm512_set1_epi32(-1), _mm512_set1_epi32(1));
         let low = _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
@@ -45,10 +45,10 @@ pub(super) fn list<const BF16: bool, const VNNI: bool>(
     }
 }
 
-/// `width` (at most 16) taps of sixteen rows from `base` on, one register a tap; absent beyond the rows.
+/// `width` (at most 16) taps of sixteen rows from `base` on, one register per tap; absent beyond the rows.
 ///
 /// # Safety
-/// The processor has AVX-512; `index` holds whole rows of `taps`, at least `first + width`.
+/// The processor has AVX-512; `index` consists of whole rows of `taps` entries, and `taps` is at least `first + width`.
 #[inline(always)]
 unsafe fn columns(
     index: &[u32],
@@ -57,7 +57,7 @@ unsafe fn columns(
     base: usize,
     width: usize,
 ) -> [__m512i; 16] {
-    // SAFETY: masked loads touch the named taps of rows that exist; the caller vouches for the rest.
+    // SAFETY: the masked loads read the given taps of existing rows only; the caller guarantees the rest.
     unsafe {
         let absent = _mm512_set1_epi32(-1);
         let rows = (index.len() / taps - base).min(16);
@@ -86,10 +86,10 @@ fn lowest(count: usize) -> __mmask16 {
 /// The processor has AVX-512.
 #[inline(always)]
 unsafe fn transposed(rows: [__m512i; 16]) -> [__m512i; 16] {
-    // SAFETY: the caller vouches for the features.
+    // SAFETY: the caller guarantees the features.
     unsafe {
         let mut fours = rows;
-        // Columns 4 L + k of four rows: register 4 g + k, lane group L.
+        // Register 4 g + k has, in lane group L, column 4 L + k of the four rows from 4 g on.
         for g in 0..4 {
             let [a, b, c, d] = [0, 1, 2, 3].map(|row| rows[4 * g + row]);
             let (ab_low, ab_high) = (_mm512_unpacklo_epi32(a, b), _mm512_unpackhi_epi32(a, b));

@@ -1,6 +1,6 @@
-//! The pipeline's JSON lines: one frame a line, objects in the sensor frame.
+//! The pipeline's JSON lines: one frame per line, objects in the sensor frame.
 //!
-//! Only what is judged is looked at: `frame`, and of each of `objects` its kind, label, score and box. `suppressed` and everything else is passed over.
+//! Only the fields that are evaluated are read: `frame`, and the kind, label, score and box of each of `objects`. Others are skipped.
 
 use crate::{EvaluateError, Result, SensorDetection};
 use mluc_ipc_types::{FrameHeader, WIRE_VERSION};
@@ -8,25 +8,25 @@ use serde::{Deserialize, de::IgnoredAny};
 use std::io::{BufRead, BufReader, Read};
 use std::{collections::BTreeMap, path::Path};
 
-/// Longest line, bytes: some twenty times 512 objects with footprints.
+/// Maximum length of a line, bytes: about twenty times 512 objects with footprints.
 const LINE_BYTES_MAX: u64 = 8 << 20;
 
 #[derive(Deserialize)]
 struct Line {
-    /// Lines of hand-made tools may leave it out.
+    /// Lines of other tools may omit it.
     wire: Option<u32>,
     frame: String,
     objects: Vec<SensorDetection>,
 }
 
-/// What `mluc up --status-lines` writes between the frames.
+/// The lines that `mluc up --status-lines` writes between the frames.
 #[derive(Deserialize)]
 struct StatusLine {
     #[serde(rename = "status")]
     _status: IgnoredAny,
 }
 
-/// Reads JSON lines: detections by frame name. A frame that comes twice is an error, as is a line cut short.
+/// Reads JSON lines: detections by frame name. A repeated frame is an error, and so is a truncated line.
 pub fn read_json_lines(path: &Path) -> Result<BTreeMap<String, Vec<SensorDetection>>> {
     let failed = |e| EvaluateError::file(path, e);
     let mut reader = BufReader::new(std::fs::File::open(path).map_err(failed)?);
@@ -53,7 +53,7 @@ pub fn read_json_lines(path: &Path) -> Result<BTreeMap<String, Vec<SensorDetecti
             Err(_) if serde_json::from_slice::<StatusLine>(&bytes).is_ok() => continue,
             line => line.map_err(&fault)?,
         };
-        // As a header holds it.
+        // Cut to the length that a header allows.
         let name = FrameHeader::cut(&line.frame);
         if frames.contains_key(name) {
             let expected = "field frame: expected each frame once";
@@ -64,7 +64,7 @@ pub fn read_json_lines(path: &Path) -> Result<BTreeMap<String, Vec<SensorDetecti
     Ok(frames)
 }
 
-/// What is wrong with a line by itself is told without its place.
+/// Errors of a line alone; the caller adds the location.
 fn parse(bytes: &[u8]) -> Result<Line, String> {
     let line: Line = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
     if let Some(found) = line.wire.filter(|&wire| wire != WIRE_VERSION) {
@@ -87,7 +87,7 @@ mod tests {
 
     const LINE: &str = r#"{"wire":WIRE,"sequence":8,"frame":"000008","objects":[{"kind":"unknown","label":"unknown","score":0.5,"center_m":[10,1,-1],"size_m":[4,2,1.5],"yaw_rad":0.1,"points":9}],"suppressed":[{"reason":"overlaps_known"}],"flags":[]}"#;
 
-    /// A line of this version's.
+    /// A valid line of this version.
     fn good() -> String {
         LINE.replace("WIRE", &WIRE_VERSION.to_string())
     }

@@ -1,7 +1,7 @@
 //! From folders and files to frames.
 //!
-//! A source is a folder of labels with the detections that belong to it: a folder of detection files in KITTI's format of the same names, or one file of JSON
-//! lines with the folder of calibrations that brings its boxes into the camera frame. Several sources are pooled: the same name in two of them is two frames.
+//! A source is a folder of labels with its detections: a folder of detection files in KITTI's format with the same names, or one file of JSON lines
+//! with a folder of calibrations that bring its boxes into the camera frame. Several sources are pooled: the same name in two of them is two frames.
 
 mod json_lines;
 
@@ -16,31 +16,31 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::{fs::File, io::BufReader};
 
-/// One folder of labels and what was detected there.
+/// One folder of labels and its detections.
 #[derive(Clone, Debug)]
 pub struct Source {
-    /// Folder of label files. Its frames are the ones that are judged.
+    /// Folder of label files. Its frames are evaluated.
     pub labels: PathBuf,
     /// Folder of detection files, or a file of JSON lines.
     pub detections: PathBuf,
-    /// Folder of calibration files; JSON lines need it.
+    /// Folder of calibration files; required for JSON lines.
     pub calibration: Option<PathBuf>,
-    /// Folder of scans; [`rings`] needs it.
+    /// Folder of scans; required for [`rings`].
     pub scans: Option<PathBuf>,
 }
 
 /// The frames of all sources.
 #[derive(Clone, Debug, Default)]
 pub struct Input {
-    /// By source, then by name.
+    /// Sorted by source, then by name.
     pub frames: Vec<LabelledFrame>,
-    /// How many each source has.
+    /// Number of frames of each source.
     pub counts: Vec<usize>,
-    /// What a person should know before believing the figures.
+    /// Warnings that a reader of the figures needs.
     pub warnings: Vec<String>,
 }
 
-/// Pairs the options of a command: as many detections as labels, as many calibrations or none, as many folders of scans or none.
+/// Pairs the options of a command: as many detections as labels; as many calibrations as labels, or none; as many scan folders as labels, or none.
 pub fn sources(
     labels: &[PathBuf],
     detections: &[PathBuf],
@@ -68,11 +68,11 @@ pub fn sources(
     Ok((0..expected).map(source).collect())
 }
 
-/// Detections of JSON lines by frame, with the folder of calibrations.
+/// Detections from JSON lines by frame, with the folder of calibrations.
 type Lines<'a> = (&'a Path, BTreeMap<String, Vec<SensorDetection>>);
 
-/// Reads every source. Frames without detections count with none found, and are warned about; so are detections of
-/// frames that have no labels, which are left out. A source whose detections all lie elsewhere is an error.
+/// Reads every source. A frame without detections counts as a frame with no object found, with a warning. Detections of frames
+/// without labels are left out, with a warning. A source without any detection of a labelled frame is an error.
 pub fn read(sources: &[Source]) -> Result<Input> {
     let mut input = Input::default();
     for source in sources {
@@ -100,7 +100,7 @@ pub fn read(sources: &[Source]) -> Result<Input> {
     Ok(input)
 }
 
-/// The rings on every object of the frames that [`read`] made of these sources; `None` where a source names no scans.
+/// The rings on every object of the frames that [`read`] returned for these sources; `None` where a source has no scans.
 pub fn rings(sources: &[Source], frames: &[LabelledFrame]) -> Result<Option<Vec<FrameRings>>> {
     let mut files = Vec::new();
     for source in sources {
@@ -125,7 +125,7 @@ pub fn rings(sources: &[Source], frames: &[LabelledFrame]) -> Result<Option<Vec<
     all.map(Some)
 }
 
-/// `None` where the detections are files of a folder.
+/// `None` where the detections are a folder of files.
 fn lines(source: &Source) -> Result<Option<Lines<'_>>> {
     let path = &source.detections;
     let fault = |what| Err(EvaluateError::file(path, what));
@@ -153,7 +153,7 @@ fn frame(
     let (file, labels) = (format!("{name}.txt"), labels.into());
     let Some((calibrations, frames)) = lines else {
         let path = source.detections.join(file);
-        // The image boxes are the file's own; nothing is dropped.
+        // The image boxes come from the file; no detection is dropped.
         let detections = path.is_file().then(|| read_detections(&path));
         let detections = detections.transpose()?.unwrap_or_default();
         return Ok(LabelledFrame { labels, detections });
@@ -170,7 +170,7 @@ fn frame(
     ))
 }
 
-/// Checks that labels and detections share frames, and says what only one of them has.
+/// Checks that labels and detections share frames; returns warnings about frames that only one of them has.
 fn compare_names(source: &Source, labelled: &[String], detected: &[String]) -> Result<Vec<String>> {
     let only = |these: &[String], others: &[String]| -> Vec<String> {
         let others: BTreeSet<&String> = others.iter().collect();
@@ -197,7 +197,7 @@ fn compare_names(source: &Source, labelled: &[String], detected: &[String]) -> R
     Ok([missing, foreign].into_iter().flatten().collect())
 }
 
-/// What is assumed of a folder's images: KITTI's size, or larger where its labels reach further.
+/// Assumed image size of a folder: KITTI's size, or larger where its labels reach further.
 pub(crate) fn image_size<'a>(labels: impl IntoIterator<Item = &'a Vec<Label>>) -> ImageSize {
     let labels = labels.into_iter().flatten();
     labels.fold(ImageSize::KITTI, |size, label| {
@@ -211,7 +211,7 @@ pub(crate) fn image_size<'a>(labels: impl IntoIterator<Item = &'a Vec<Label>>) -
     })
 }
 
-/// Size of `image_2/NAME.png` beside the folder of labels where it is present, else what is assumed.
+/// Size of `image_2/NAME.png` next to the folder of labels where it is present, else the assumed size.
 pub(crate) fn image_size_beside(
     labels: &Path,
     name: &str,

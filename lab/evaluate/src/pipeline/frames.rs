@@ -1,4 +1,4 @@
-//! The labelled frames that a model is judged on.
+//! The labelled frames on which a model is evaluated.
 
 use super::ModelGate;
 use crate::input::{image_size, image_size_beside};
@@ -9,40 +9,40 @@ use mluc_head::Detection;
 use mluc_ipc_types::{POINTS_MAX, Point};
 use std::path::Path;
 
-/// Frames of a data set, all of them labelled.
+/// Frames of a data set; all of them have labels.
 #[derive(Clone, Debug)]
 pub struct FrameSet {
     dataset: Dataset,
     names: Vec<String>,
     split: String,
-    /// Of the images, where there are none.
+    /// Image size where there are no images.
     image: ImageSize,
 }
 
-/// What was labelled and what the network kept.
+/// The labels of a frame and the boxes that the network kept.
 #[derive(Clone, Debug)]
 pub struct DetectedFrame {
-    /// What was labelled.
+    /// The labels.
     pub truth: FrameTruth,
-    /// Kept boxes in the head's order: those with a class, then those without one, the best objectness of either first.
+    /// Kept boxes in the head's order: boxes with a class, then boxes without one, each by falling objectness.
     pub detections: Vec<Detection>,
 }
 
 impl DetectedFrame {
-    /// What goes to the refiner at a threshold of the gate, in its order.
+    /// The boxes for the refiner at a threshold of the gate, in the refiner's order.
     pub fn gated(&self, gate: ModelGate, threshold: f32) -> Vec<Detection> {
         let boxes = self.detections.iter();
         boxes.filter_map(|d| gate.apply(d, threshold)).collect()
     }
 
-    /// Leaves out the boxes of anchors that have no class.
+    /// Removes the boxes of anchors that have no class.
     pub fn drop_generic(&mut self) {
         self.detections.retain(Detection::has_class);
     }
 }
 
 impl FrameSet {
-    /// The first `frames_max` frames of `root`: of the split that `root/ImageSets/SPLIT.txt` names, or of all scans.
+    /// The first `frames_max` frames of `root`: of the split in `root/ImageSets/SPLIT.txt`, or of all scans.
     /// A frame without a label file is an error, before anything is computed.
     pub fn open(root: &Path, split: Option<&str>, frames_max: usize) -> Result<FrameSet> {
         let dataset = Dataset::open_split(root, split)?;
@@ -77,21 +77,21 @@ impl FrameSet {
         &self.names
     }
 
-    /// For a person: folder, split and number of frames.
+    /// Text for a person: folder, split and number of frames.
     pub fn describe(&self) -> String {
         let folder = self.dataset.root();
         let folder = folder.canonicalize().unwrap_or(folder.to_owned());
-        // The folder above tells data sets apart whose splits are folders of the same names.
+        // With the parent folder, data sets whose splits have the same folder names can be distinguished.
         let tail = folder_tail(&folder);
         format!("{tail}, split {}, {} frames", self.split, self.names.len())
     }
 
-    /// The frame's scan as the first stage hands it on.
+    /// The frame's scan as the first stage outputs it.
     pub fn points(&self, index: usize) -> Result<Vec<Point>> {
         Ok(scan_points(&self.dataset, &self.names[index])?)
     }
 
-    /// The frame's labels and how it is seen.
+    /// The frame's labels and calibration.
     pub fn truth(&self, index: usize) -> Result<FrameTruth> {
         let name = &self.names[index];
         let labels = self.dataset.root().join("label_2");
@@ -103,14 +103,14 @@ impl FrameSet {
     }
 }
 
-/// The last two parts of a path: they tell folders apart without telling where they lie.
+/// The last two parts of a path: they distinguish folders without their full location.
 pub fn folder_tail(folder: &Path) -> String {
     let parts = folder.iter().map(|part| part.to_string_lossy());
     let parts: Vec<_> = parts.filter(|part| *part != "/").collect();
     parts[parts.len().saturating_sub(2)..].join("/")
 }
 
-/// A scan as the first stage hands it on ([`mluc_ingest::decode_bin`]): finite points, at most the contract's number of them, in file order.
+/// A scan as the first stage outputs it ([`mluc_ingest::decode_bin`]): finite points, at most the contract's maximum, in file order.
 pub fn scan_points(dataset: &Dataset, name: &str) -> Result<Vec<Point>, DatasetError> {
     Ok(finite_points(&dataset.scan(name)?))
 }

@@ -1,7 +1,7 @@
-//! The gate at any threshold: which boxes of a model are known and which go to the refiner.
+//! The gate at any threshold: which boxes of a model are known and which the refiner processes.
 //!
-//! The network runs once with every box kept; this says what the head says at a threshold of its own. A threshold is always
-//! one on a score that is low for the unknown, and 0 is the closed set.
+//! The network runs once and keeps every box; this module gives the head's decision at a given threshold. A threshold is always
+//! for a score that is low for unknown objects, and 0 is the closed set.
 
 use super::DetectedFrame;
 use crate::{SweepPoint, best_index, sweep::quantile_grid};
@@ -9,23 +9,23 @@ use mluc_head::{Detection, gate};
 use mluc_ipc_types::{DetectionKind, GateKind};
 use mluc_model::{HeadKind, Model, Thresholds};
 
-/// Thresholds tried beside the closed set.
+/// Number of thresholds tried in addition to the closed set.
 pub const THRESHOLDS: usize = 60;
 
-/// What a model's boxes are gated by.
+/// The score that the gate compares with its threshold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModelGate {
     /// The normalised EDS (paper section 3.2).
     Eds,
-    /// One minus the probability of being none of the known.
+    /// One minus the probability of being no known class.
     Known,
-    /// The largest class probability: the naive baseline's.
+    /// The largest class probability, as in the naive baseline.
     Softmax,
 }
 
 impl ModelGate {
-    /// Which point of a sweep (the closed set first) the threshold is taken from: the best harmonic mean, as in the paper. Of an open head it is the last, one
-    /// half: its boxes are read both ways, and the scores of the profiles decide.
+    /// Index of the point of a sweep (closed set first) that gives the threshold: the best harmonic mean, as in the paper. For an open head it is the
+    /// last point, one half: its boxes are read both ways, and the scores of the profiles decide.
     pub fn best_index(self, sweep: &[SweepPoint]) -> usize {
         match self {
             ModelGate::Known => sweep.len().saturating_sub(1),
@@ -33,7 +33,7 @@ impl ModelGate {
         }
     }
 
-    /// Of a model: by its head.
+    /// The gate of a model, by its head.
     pub fn of(model: &Model) -> ModelGate {
         match model.manifest.network.head {
             HeadKind::Open => ModelGate::Known,
@@ -51,7 +51,7 @@ impl ModelGate {
         }
     }
 
-    /// What the threshold stands against.
+    /// The value that is compared with the threshold.
     pub fn value(self, detection: &Detection) -> f32 {
         match self {
             ModelGate::Eds => detection.eds_normalised,
@@ -60,7 +60,7 @@ impl ModelGate {
         }
     }
 
-    /// What orders unknown boxes among each other where nothing else does: the paper's 1 / EDS, or one minus the probability.
+    /// Rank of unknown boxes where no other score exists: the paper's 1 / EDS, or one minus the probability.
     pub fn rank(self, detection: &Detection) -> f32 {
         match self {
             ModelGate::Eds => 1.0 / detection.eds.max(1e-6),
@@ -68,7 +68,7 @@ impl ModelGate {
         }
     }
 
-    /// 0, the closed set, then at most `count` thresholds that cut what the boxes have into equal parts, ascending; of an open head also one half.
+    /// 0, the closed set, then at most `count` thresholds at quantiles of the boxes' values, ascending; for an open head also one half.
     pub fn thresholds(self, frames: &[DetectedFrame], count: usize) -> Vec<f64> {
         let boxes = frames.iter().flat_map(|frame| &frame.detections);
         let values = boxes.map(|d| self.value(d)).filter(|v| self.may_be(*v));
@@ -79,12 +79,12 @@ impl ModelGate {
         [0.0].into_iter().chain(below).chain(half).collect()
     }
 
-    /// Whether a sweep tries a threshold: a box that is more likely known than not is never gated by the logit.
+    /// Whether a sweep tries a threshold: in the gate `Known`, a box that is more likely known than unknown never becomes a candidate.
     fn may_be(self, threshold: f32) -> bool {
         self != ModelGate::Known || (threshold > 0.0 && threshold <= 0.5)
     }
 
-    /// The box with its kind at a threshold; `None` for one without a class that is not unknown.
+    /// The box with its kind at a threshold; `None` for a box without a class that is not unknown.
     pub(super) fn apply(self, detection: &Detection, threshold: f32) -> Option<Detection> {
         let (gate_kind, threshold) = match self {
             ModelGate::Eds => (GateKind::Eds, threshold),
@@ -104,7 +104,7 @@ impl ModelGate {
             DetectionKind::Known
         };
         let eds = match self {
-            // The paper's refiner ranks by 1 / EDS: there the box carries this gate's rank.
+            // The paper's refiner ranks by 1 / EDS, so the box gets this gate's rank in the field `eds`.
             ModelGate::Softmax => 1.0 / self.rank(detection).max(1e-6),
             _ => detection.eds,
         };
@@ -126,7 +126,7 @@ impl ModelGate {
         }
     }
 
-    /// Puts a threshold into a model.
+    /// Sets a model's threshold.
     pub fn set(self, thresholds: &mut Thresholds, threshold: f32) {
         match self {
             ModelGate::Eds => thresholds.eds_normalised_max = threshold,
@@ -136,7 +136,7 @@ impl ModelGate {
     }
 }
 
-/// One minus a value; 0, the closed set, stays 0. Exact, both ways, for thresholds that are one minus a probability of a half or more.
+/// One minus a value; 0, the closed set, stays 0. Exact in both directions for thresholds that are one minus a probability of at least one half.
 fn complement(value: f32) -> f32 {
     if value > 0.0 { 1.0 - value } else { 0.0 }
 }

@@ -1,4 +1,4 @@
-//! A model's figures at its own threshold, without the gate, and at many thresholds; the choice of one for the model file.
+//! A model's figures at its own threshold, without the gate, and at many thresholds; the choice of a threshold for the model file.
 
 use super::separation::{ScoreSeparation, separation};
 use super::{
@@ -16,20 +16,20 @@ use mluc_refiner::Settings;
 use rayon::prelude::*;
 use std::path::Path;
 
-/// Everything about a model except the sweep.
+/// All figures of a model except the sweep.
 #[derive(Clone, Debug)]
 pub struct ModelJudgement {
-    /// How each class was judged.
+    /// The rule of each class.
     pub rules: Vec<ClassRule>,
-    /// All boxes known.
+    /// AP with all boxes known.
     pub closed: ApReport,
-    /// At the model's threshold.
+    /// AP at the model's threshold.
     pub gated: ApReport,
-    /// The model's threshold as [`ModelGate`] has it; 0 where none was chosen.
+    /// The model's threshold in the scale of [`ModelGate`]; 0 where none was chosen.
     pub threshold: f32,
-    /// Unknown from known, by score.
+    /// Separation of unknown from known boxes, by score.
     pub separation: Vec<ScoreSeparation>,
-    /// Unknown labels that a known object lies on (absolute open-set error), without the gate.
+    /// Number of unknown labels that a known object overlaps (absolute open-set error), without the gate.
     pub unknown_as_known_closed: usize,
     /// The same at the model's threshold.
     pub unknown_as_known: usize,
@@ -40,14 +40,14 @@ pub struct ModelJudgement {
 }
 
 impl ModelJudgement {
-    /// Unknown labels that count.
+    /// Number of unknown labels that count.
     pub fn unknown_labels(&self) -> usize {
         let unknown = self.gated.unknown();
         unknown.map_or(0, |class| class.main().truth_count)
     }
 }
 
-/// Judges the detections of a set; `unknown` are the label classes that count as unknown.
+/// Evaluates the detections of a set; `unknown` are the label classes that count as unknown.
 pub fn judge(
     model: &Model,
     set: &FrameSet,
@@ -83,8 +83,8 @@ pub fn judge(
     })
 }
 
-/// The figures of the closed set, then those of [`THRESHOLDS`] thresholds of the model's gate, ascending. Every frame is refined at
-/// every one (`step` is called after each frame).
+/// The figures of the closed set, then the figures at [`THRESHOLDS`] thresholds of the model's gate, ascending. The refiner runs on every frame
+/// at every threshold (`step` is called after each frame).
 pub fn sweep_gate(
     model: &Model,
     set: &FrameSet,
@@ -100,18 +100,18 @@ pub fn sweep_gate(
     Ok(points.iter().map(JudgedPoint::main).collect())
 }
 
-/// A threshold with where it comes from.
+/// A threshold and its origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Choice {
-    /// As [`ModelGate`] has it.
+    /// In the scale of [`ModelGate`].
     pub threshold: f64,
     /// In words: data, refiner, rule.
     pub reason: String,
-    /// By name: the figures at the threshold, the closed set's mAP, each known class' AP (40 positions) without the gate.
+    /// By name: the figures at the threshold, the mAP of the closed set, the AP of each known class (40 positions) without the gate.
     pub metrics: Vec<(String, f64)>,
 }
 
-/// Chooses among the points of a sweep, the closed set first. `data` and `refiner` tell where the figures come from.
+/// Chooses among the points of a sweep, closed set first. `data` and `refiner` say how the figures were obtained.
 pub fn choose_threshold(
     gate: ModelGate,
     sweep: &[SweepPoint],
@@ -148,21 +148,21 @@ pub fn choose_threshold(
     })
 }
 
-/// What was chosen for published scores.
+/// The values chosen for published scores.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScoreChoice {
     /// Scores of the operating profiles.
     pub profiles: Profiles,
-    /// What scores are worth, by all scans.
+    /// Table from scores to probabilities, from all scans.
     pub probabilities: Probabilities,
-    /// Of each kind, by its word, what `balanced` publishes: the calibration errors of the scores and of the probabilities, these fitted
-    /// on every other scan and checked on the rest, then the other way round. None where a half has no objects.
+    /// By name of the kind, for the objects that `balanced` publishes: the calibration errors of the scores and of the probabilities. The table is
+    /// fitted on every other scan and checked on the rest, then the other way round. `None` where a half has no objects.
     pub errors: Vec<(&'static str, [[Option<f64>; 2]; 2])>,
 }
 
-/// The scores of the operating profiles at the model's own threshold: the lowest at which the upper 95 % bound of the objects a scan
-/// on no label is at most 0.1 (unknown, in each third of the scans by their points) and 0.2 (known, in all) for `quiet`, 0.3 and 0.5 for
-/// `balanced`. And what scores are worth, where `balanced` chooses what is published as unknown.
+/// The scores of the operating profiles at the model's own threshold: the lowest score at which the upper 95 % bound of the objects per scan
+/// on no label is at most 0.1 (unknown, in each third of the scans by point count) and 0.2 (known, in all) for `quiet`, 0.3 and 0.5 for
+/// `balanced`. Also the table from scores to probabilities, with the unknown objects that `balanced` publishes.
 pub fn choose_profiles(
     model: &Model,
     set: &FrameSet,
@@ -181,7 +181,7 @@ pub fn choose_profiles(
     let operating = |scans: &[LabelledFrame]| Operating::of(scans, &[scans.len()], rules);
     let of_unknown = published(0.0)?;
     let judged = operating(&of_unknown);
-    // Dense scans show more false objects than thin ones: the limit holds in each third of the scans by their points.
+    // Scans with more points give more false objects: the limit applies to each third of the scans by point count.
     let points = |index| Ok((set.points(index)?.len(), index));
     let points: Result<Vec<_>> = (0..frames.len()).into_par_iter().map(points).collect();
     let mut by_points = points?;
@@ -192,7 +192,7 @@ pub fn choose_profiles(
     };
     let thirds = by_points.chunks(frames.len().div_ceil(3).max(1)).map(third);
     let thirds: Vec<Operating> = thirds.collect();
-    // What is not published as unknown may be published as known.
+    // An object that is not published as unknown may be published as known.
     let least = |unknown: f64, known: f64| {
         let of_third = |third: &Operating| third.safe_score_min(ObjectKind::Unknown, unknown);
         let unknown = thirds.iter().map(of_third).fold(0.0, f32::max);
@@ -235,7 +235,7 @@ pub fn choose_profiles(
     })
 }
 
-/// Puts the scores of the profiles and what scores are worth into the model file that was judged, with the data that they were chosen on.
+/// Writes the scores of the profiles and the table of probabilities into the evaluated model file, with the data that they were chosen on.
 pub fn write_profiles(path: &Path, judged: &Model, chosen: &ScoreChoice, data: &str) -> Result<()> {
     rewrite(path, judged, |manifest| {
         manifest.thresholds.profiles = Some(chosen.profiles);
@@ -249,8 +249,8 @@ pub fn write_profiles(path: &Path, judged: &Model, chosen: &ScoreChoice, data: &
     })
 }
 
-/// Measures a model file at its threshold in every precision that it can run in and puts the figures into it: a run's `auto` chooses by
-/// them. `step` is called after each frame.
+/// Measures a model file at its threshold in every precision that it can run in and writes the figures into it: a run with `auto` chooses by
+/// these figures. `step` is called after each frame.
 pub fn write_precisions(
     path: &Path,
     set: &FrameSet,
@@ -275,8 +275,8 @@ pub fn write_precisions(
     })
 }
 
-/// Puts a choice into the model file that was judged: the threshold, how it was chosen, and the figures. Scores of profiles and what
-/// scores are worth go where they were chosen at another threshold.
+/// Writes a choice into the evaluated model file: the threshold, how it was chosen, and the figures. Scores of profiles and probabilities
+/// that were chosen at another threshold are removed.
 pub fn write_threshold(path: &Path, judged: &Model, choice: &Choice) -> Result<()> {
     rewrite(path, judged, |manifest| {
         let before = manifest.thresholds.clone();
@@ -291,7 +291,7 @@ pub fn write_threshold(path: &Path, judged: &Model, choice: &Choice) -> Result<(
     })
 }
 
-/// The file is replaced as a whole or not at all; a file that changed since it was judged is left alone.
+/// The file is replaced completely or not at all; a file that changed since its evaluation is left unchanged.
 fn rewrite(path: &Path, judged: &Model, change: impl FnOnce(&mut Manifest)) -> Result<()> {
     let mut model = Model::read(path)?;
     if model.fingerprint != judged.fingerprint {

@@ -1,9 +1,9 @@
-//! The whole pipeline in one process, without the runtime: what the vehicle computes, judged against labels.
+//! The whole pipeline in one process, without the runtime: the vehicle's computation, evaluated against labels.
 //!
-//! Detections do not depend on the gate's threshold, so [`detect_frames`] runs backbone and head once a frame, [`objects_at`] the
-//! refiner at any thresholds of a [`ModelGate`], and [`judge`] and [`sweep_gate`] say how good the objects are.
-//! [`choose_threshold`] follows the paper's rule (section 4.3), [`choose_profiles`] a limit of false objects; [`write_threshold`] and
-//! [`write_profiles`] put the choice into the model file, with how it was made.
+//! Detections do not depend on the gate's threshold, so [`detect_frames`] runs backbone and head once per frame, [`objects_at`] the
+//! refiner at any thresholds of a [`ModelGate`], and [`judge`] and [`sweep_gate`] evaluate the objects.
+//! [`choose_threshold`] follows the paper's rule (section 4.3), [`choose_profiles`] a limit on false objects. [`write_threshold`] and
+//! [`write_profiles`] write the choice into the model file, with how it was made.
 
 mod frames;
 mod gate;

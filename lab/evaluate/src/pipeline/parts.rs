@@ -1,6 +1,6 @@
-//! The network's boxes of every Nth frame in a file: many jobs run the network, and one judges what they found.
+//! The network's boxes of every Nth frame in a file: many jobs run the network, and one job evaluates all boxes.
 //!
-//! A part is a line of JSON, [`Contents`], and behind it the boxes as they lie in memory.
+//! A part is a line of JSON, [`Contents`], followed by the boxes in their memory layout.
 
 use super::{DetectedFrame, FrameSet};
 use crate::{EvaluateError, Result};
@@ -13,14 +13,14 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// What a part holds, and what it must agree about with the others.
+/// Contents of a part; the first two fields must be equal in all parts.
 #[derive(Serialize, Deserialize)]
 struct Contents {
-    /// Of the boxes' layout.
+    /// Version of the boxes' layout.
     wire: u32,
     /// The model's fingerprint, 16 hexadecimal digits, and the precision.
     made_with: String,
-    /// Name and count of boxes.
+    /// Name and number of boxes of each frame.
     frames: Vec<(String, usize)>,
 }
 
@@ -28,7 +28,7 @@ fn made_with(model: &Model, precision: Precision) -> String {
     format!("{:016x} {precision}", model.fingerprint)
 }
 
-/// Writes the frames of a set that is a part of another one.
+/// Writes one part: the frames of a subset.
 pub fn write_part(
     path: &Path,
     model: &Model,
@@ -52,7 +52,7 @@ pub fn write_part(
     written.map_err(|cause| EvaluateError::file(path, format!("cannot be written: {cause}")))
 }
 
-/// The frames of a set as parts have them: each frame in one part, and no other frames. They are those that [`super::detect_frames`] gives, bit for bit.
+/// The frames of a set from its parts: each frame in exactly one part, and no other frames. They equal those of [`super::detect_frames`] bit for bit.
 pub fn read_parts(
     paths: &[PathBuf],
     model: &Model,

@@ -1,17 +1,16 @@
-//! How well each score of a kept box tells unknown objects from known ones, and from background, whatever the threshold.
+//! How well each score of a kept box separates unknown objects from known ones and from background, independent of the threshold.
 
 use super::{DetectedFrame, box_of};
-use crate::{ClassRule, Difficulty, ObjectKind};
-use crate::{matching::in_dont_care, operating::DONT_CARE_MAX};
+use crate::{ClassRule, Difficulty, ObjectKind, matching::in_dont_care, operating::DONT_CARE_MAX};
 use mluc_geometry::{Box3, iou_3d};
 use mluc_head::Detection;
 use serde::{Deserialize, Serialize};
 
-/// A score of a kept box, turned so that higher means more unknown.
+/// A score of a kept box, with its sign set so that higher means more unknown.
 type Score = (&'static str, fn(&Detection) -> f32);
 
 /// Every score of the gate's input: EDS and its projected form (low between the prototypes), the distance to the nearest
-/// prototype (high away from all), and the usual ones (low where the network is unsure).
+/// prototype (high away from all), and standard scores (low where the network is uncertain).
 const SCORES: [Score; 6] = [
     ("e", |d| -d.eds_normalised),
     ("e_perp", |d| -d.eds_perpendicular),
@@ -21,28 +20,28 @@ const SCORES: [Score; 6] = [
     ("energy", |d| -d.energy),
 ];
 
-/// Figures of one score over the boxes that lie on a label, and over those that touch none.
+/// Figures of one score over the boxes on a label and the boxes that touch no label.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ScoreSeparation {
     /// `e` (normalised EDS), `e_perp`, `delta`, `msp` (largest probability), `max_logit`, `energy`.
     pub score: String,
-    /// Chance that an unknown object's box looks more unknown than a known one's, 0..1; none without both kinds.
+    /// Probability that an unknown object's box scores more unknown than a known object's, 0..1; none without both kinds.
     pub auroc: Option<f64>,
-    /// Part of the known called unknown where 95 % of the unknown are, 0..1.
+    /// Share of known boxes called unknown at the threshold where 95 % of the unknown boxes are, 0..1.
     pub fpr95: Option<f64>,
-    /// Chance that an unknown object's box looks more unknown than one that touches no label, 0..1. Where a score also ranks the
-    /// unknown, as the paper's does, AP needs this one to be high.
+    /// Probability that an unknown object's box scores more unknown than a box that touches no label, 0..1. Where a score also ranks
+    /// the unknown objects, as in the paper, a high AP needs a high value here.
     pub auroc_background: Option<f64>,
     /// Boxes on known labels.
     pub known: usize,
     /// Boxes on unknown labels.
     pub unknown: usize,
-    /// Boxes that touch no label and lie in no region without labels.
+    /// Boxes that touch no label and are not in a region without labels.
     pub background: usize,
 }
 
 /// The figures of every score. A label that counts at moderate takes the box of the highest objectness that overlaps it
-/// by more than its rule asks, whatever the box's class; a box serves one label.
+/// by more than its rule requires, whatever the box's class; a box matches one label.
 pub fn separation(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreSeparation> {
     let boxes = frames.iter().flat_map(|frame| judged_boxes(frame, rules));
     let boxes: Vec<JudgedBox> = boxes.collect();
@@ -70,10 +69,10 @@ pub fn separation(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreSep
     all.collect()
 }
 
-/// A box on a label that counts, or on nothing.
+/// A box on a label that counts, or on no label.
 struct JudgedBox<'a> {
     detection: &'a Detection,
-    /// Of its label; none: it touches no label at all.
+    /// Rule of its label; `None`: the box touches no label at all.
     rule: Option<&'a ClassRule>,
 }
 
@@ -96,7 +95,7 @@ fn judged_boxes<'a>(frame: &'a DetectedFrame, rules: &'a [ClassRule]) -> Vec<Jud
         let fits = |(_, b): &([f64; 4], Box3)| iou_3d(b, &label) > rule.iou_min;
         let free = (0..boxes.len()).filter(|&i| !taken[i] && boxes[i].as_ref().is_some_and(fits));
         let objectness = |i: &usize| frame.detections[*i].objectness;
-        // The first of equal ones.
+        // The first one at equal objectness.
         let best = free.min_by(|a, b| objectness(b).total_cmp(&objectness(a)));
         if let Some(i) = best {
             taken[i] = true;
@@ -117,7 +116,7 @@ fn judged_boxes<'a>(frame: &'a DetectedFrame, rules: &'a [ClassRule]) -> Vec<Jud
     found
 }
 
-/// Of scores of which a higher one means more unknown: area under the ROC curve, 0..1: the chance that an unknown scores above a known, ties counting half.
+/// For scores where higher means more unknown: area under the ROC curve, 0..1: the probability that an unknown scores above a known, ties half.
 /// `None` when either side is empty or a score is NaN.
 fn auroc(known: &[f64], unknown: &[f64]) -> Option<f64> {
     let (known, unknown) = (sorted(known)?, sorted(unknown)?);
@@ -130,7 +129,7 @@ fn auroc(known: &[f64], unknown: &[f64]) -> Option<f64> {
     Some(wins / (known.len() as f64 * unknown.len() as f64))
 }
 
-/// Part of the known that is called unknown where the threshold lets 95 % of the unknown through (FPR at 95 % TPR),
+/// Share of the known called unknown at the threshold that 95 % of the unknown pass (FPR at 95 % TPR),
 /// 0..1. `None` when either side is empty or a score is NaN.
 fn fpr95(known: &[f64], unknown: &[f64]) -> Option<f64> {
     let (known, unknown) = (sorted(known)?, sorted(unknown)?);

@@ -1,4 +1,4 @@
-//! The stages one after the other, as plain function calls: the network over scans, then a gate and the refiner at many thresholds.
+//! The stages in sequence, as plain function calls: the network on scans, then a gate and the refiner at many thresholds.
 
 use super::{DetectedFrame, FrameSet, ModelGate};
 use crate::{ClassRule, JudgedPoint, LabelledFrame, ObjectKind, Result, SensorDetection, UNKNOWN};
@@ -10,8 +10,8 @@ use mluc_model::{HeadKind, Model};
 use mluc_refiner::{Refiner, RefinerError, RefinerOutput, Settings};
 use rayon::prelude::*;
 
-/// The network over every frame of a set, one after the other (a frame uses all threads of the pool), the backbone in this precision.
-/// `step` is called after each. Detections' kinds say nothing: [`ModelGate`] does.
+/// Runs the network on every frame of a set, one after the other (a frame uses all threads of the pool), with this precision of the backbone.
+/// `step` is called after each frame. The kinds of the detections are not meaningful: [`ModelGate`] sets them.
 pub fn detect_frames(
     precision: Precision,
     model: &Model,
@@ -20,7 +20,7 @@ pub fn detect_frames(
 ) -> Result<Vec<DetectedFrame>> {
     let mut manifest = model.manifest.clone();
     if manifest.network.head == HeadKind::Open {
-        // Boxes without a class are kept whatever the threshold: the gate drops them later.
+        // Boxes without a class are kept at any threshold: the gate drops them later.
         manifest.thresholds.unknown_min = f32::MIN_POSITIVE;
     }
     let mut backbone = Backbone::with_precision(&manifest, &model.weights, precision)?;
@@ -52,7 +52,7 @@ impl SensorDetection {
         }
     }
 
-    /// An unknown object; its score orders it among the unknown ones alone.
+    /// An unknown object; its score ranks it among the unknown ones only.
     pub fn unknown(score: f32, place: Box3) -> SensorDetection {
         SensorDetection {
             kind: ObjectKind::Unknown,
@@ -61,13 +61,13 @@ impl SensorDetection {
         }
     }
 
-    /// A box as the network gives it, of its class.
+    /// A network's box as an object of its class.
     pub fn of_box(detection: &Detection, classes: &[String]) -> SensorDetection {
         let (class_id, score) = (detection.class_id, detection.score);
         SensorDetection::known(class_id, classes, score, box_of(detection))
     }
 
-    /// What the refiner published, in its order.
+    /// The published objects of the refiner, in its order.
     pub fn published(refined: &RefinerOutput, classes: &[String]) -> Vec<SensorDetection> {
         let object = |o: &Object| {
             let place = Box3::from_f32(o.center_m, o.size_m, o.yaw_rad);
@@ -92,19 +92,19 @@ pub fn box_of(detection: &Detection) -> Box3 {
 pub struct GatedObjects {
     /// Thresholds, ascending; the first is 0, the closed set.
     pub thresholds: Vec<f64>,
-    /// Objects by frame, then by threshold.
+    /// Objects by frame, then by threshold index.
     pub objects: Vec<Vec<Vec<SensorDetection>>>,
 }
 
 impl GatedObjects {
-    /// The frames that the objects were found in, with those of the threshold of index `at`.
+    /// The frames in which the objects were found, with the objects of the threshold with index `at`.
     pub fn labelled(&self, frames: &[DetectedFrame], at: usize) -> Vec<LabelledFrame> {
         let frames = frames.iter().enumerate();
         let with = |(i, f): (usize, &DetectedFrame)| f.truth.with(&self.objects[i][at]);
         frames.map(with).collect()
     }
 
-    /// Judges every threshold on the frames that the objects were found in. The result does not depend on the number of threads.
+    /// Evaluates every threshold on the frames in which the objects were found. The result does not depend on the number of threads.
     pub fn sweep(&self, frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<JudgedPoint> {
         let point = |(at, threshold): (usize, &f64)| {
             JudgedPoint::of(*threshold, &self.labelled(frames, at), rules)
@@ -112,7 +112,7 @@ impl GatedObjects {
         self.thresholds.par_iter().enumerate().map(point).collect()
     }
 
-    /// Every box as it is and of its class, at the one threshold 0.
+    /// Every box unchanged, as an object of its class, at the single threshold 0.
     pub fn ungated(model: &Model, frames: &[DetectedFrame]) -> GatedObjects {
         let classes = model.manifest.class_names();
         let known = |d: &Detection| SensorDetection::of_box(d, &classes);
@@ -124,8 +124,8 @@ impl GatedObjects {
     }
 }
 
-/// What the refiner publishes at each threshold of a gate; thresholds ascend and are f32 values. Frames go in parallel (`step` is
-/// called after each); the result does not depend on the number of threads.
+/// The refiner's published objects at each threshold of a gate; thresholds ascend and are f32 values. Frames are processed in parallel (`step`
+/// is called after each); the result does not depend on the number of threads.
 pub fn objects_at(
     model: &Model,
     gate: ModelGate,
@@ -136,7 +136,7 @@ pub fn objects_at(
     step: &(dyn Fn() + Sync),
 ) -> Result<GatedObjects> {
     let classes = model.manifest.class_names();
-    // A refiner's buffers are large, so they go from frame to frame.
+    // A refiner's buffers are large, so they are reused from frame to frame.
     let refiner = || Refiner::for_model(settings.clone(), model);
     let one = |refiner: &mut Result<Refiner, RefinerError>, index: usize| {
         let refiner = refiner.as_mut().map_err(|e| e.clone())?;
@@ -146,7 +146,7 @@ pub fn objects_at(
         for &threshold in &thresholds {
             let gated = frames[index].gated(gate, threshold as f32);
             let candidates = gated.iter().filter(|d| d.is_candidate()).count();
-            // Thresholds ascend: as many candidates are the same candidates.
+            // Thresholds ascend: an equal number of candidates means the same candidates.
             let objects = match found.last() {
                 Some(last) if before == Some(candidates) => last.clone(),
                 _ => {

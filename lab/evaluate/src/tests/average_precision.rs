@@ -1,4 +1,4 @@
-//! Average precision on hand-made frames whose answer follows from the devkit's rules on paper.
+//! Average precision on hand-made frames; the right answers follow from the devkit's rules and are computed on paper.
 
 use super::{found, frame, label};
 use crate::{AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, UnknownProtocol};
@@ -8,12 +8,12 @@ use mluc_geometry::{Random, iou_3d};
 
 const SPACE: Metric = Metric::Space;
 
-/// Ten metres from the place before.
+/// An object ten metres from the one at the place before.
 fn object(class: &str, place: usize) -> Label {
     label(class, 10.0 * place as f64)
 }
 
-/// The same, so high in the image.
+/// The same detection with this height in the image.
 fn with_height(mut detection: Label, height_px: f64) -> Label {
     detection.image_box_px[3] = detection.image_box_px[1] + height_px;
     detection
@@ -43,7 +43,7 @@ fn ap_all(labels: &[&Label], detections: &[Label], rule: &ClassRule) -> f64 {
 /// AP of 41 hits and one false alarm with the highest score.
 const ONE_FALSE: f64 = 100.0 * 41.0 / 42.0;
 
-/// AP of 41 cars that are found, and in the first frame a detection and perhaps a label more.
+/// AP of 41 cars that are found; the first frame has an additional detection and perhaps an additional label.
 fn ap_with(label: Option<&Label>, detection: Label, rule: &ClassRule, metric: Metric) -> f64 {
     let mut frames = perfect(41);
     frames[0].labels = frames[0].labels.iter().chain(label).cloned().collect();
@@ -58,7 +58,7 @@ fn close(found: f64, expected: f64) {
     assert!(is_close, "expected {expected}, found {found}");
 }
 
-/// `count` cars, each in a frame of its own and found.
+/// `count` cars that are found, each in its own frame.
 fn perfect(count: usize) -> Vec<LabelledFrame> {
     let one = |i: usize| {
         let label = object("Car", 0);
@@ -163,7 +163,7 @@ fn the_height_of_a_detection_is_cut_to_whole_pixels() {
     }
 }
 
-/// The height is looked at before the class, so a small pedestrian can take a car's label out of the count.
+/// The devkit checks the height before the class, so a small pedestrian can take a car's label out of the count.
 #[test]
 fn a_small_detection_of_another_class_absorbs_a_label() {
     let mut frames = perfect(2);
@@ -175,7 +175,7 @@ fn a_small_detection_of_another_class_absorbs_a_label() {
     close(curve.recall_percent(), 50.0);
 }
 
-/// With a low overlap one detection may fit two labels: the first in the file takes it.
+/// With a low minimum overlap one detection may fit two labels: the first label in the file takes it.
 #[test]
 fn an_ignored_label_earlier_in_the_file_steals() {
     let valid = object("Car", 0);
@@ -191,7 +191,7 @@ fn an_ignored_label_earlier_in_the_file_steals() {
 fn an_overlap_equal_to_the_least_one_is_no_match() {
     let label = object("Car", 0);
     let mut detection = found(&label, "car", 0.9);
-    // Half as high and inside: IoU exactly 0.5.
+    // Half as high and inside the label: IoU is exactly 0.5.
     detection.camera_box.size_hwl_m[0] /= 2.0;
     for (iou_min, expected) in [(0.5, 0.0), (0.499, 100.0)] {
         let all = ap_all(&[&label], std::slice::from_ref(&detection), &car(iou_min));
@@ -210,13 +210,13 @@ fn unknown_classes_are_one_class() {
     ];
     let rule = unknown(&["van", "Truck"], UnknownProtocol::Literal);
     let curve = curve(&[frame(vec![van, truck, tram], detections)], &rule, SPACE);
-    // The tram is background: its detection is a false alarm, below both hits.
+    // The tram is background: its detection is a false alarm with a lower score than both hits.
     assert_eq!(curve.truth_count, 2);
     close(curve.average_precision().all, 100.0);
     close(curve.recall_percent(), 100.0);
 }
 
-/// A van is found last, after a tram, something where nobody labelled, half of something there, and a wall.
+/// A van is found last, after a tram, an object in a region without labels, one that lies partly there, and a wall.
 #[test]
 fn the_fair_protocol_counts_neither_trams_nor_what_lies_where_nobody_labelled() {
     let (van, tram, mut region) = (object("Van", 0), object("Tram", 1), object("DontCare", 2));
@@ -230,7 +230,7 @@ fn the_fair_protocol_counts_neither_trams_nor_what_lies_where_nobody_labelled() 
     let detections: Vec<Label> = detections.collect();
     for (protocol, false_before_the_van) in [
         (UnknownProtocol::Literal, 4.0),
-        // A quarter of the half one lies in the region: it is wrong, and so is the wall.
+        // Only a quarter of `half` lies in the region: it counts as a false alarm, and so does the wall.
         (UnknownProtocol::Fair, 2.0),
     ] {
         let rule = unknown(&["van"], protocol);
@@ -254,7 +254,7 @@ fn the_fair_protocol_ignores_three_classes_unless_they_are_unknown() {
     }
 }
 
-/// Three tenths of a detection lie in the region: the devkit forgives that in the image, and nowhere else.
+/// Three tenths of a detection lie in the region: the devkit ignores such a detection in the image, and nowhere else.
 #[test]
 fn the_fair_protocol_keeps_the_devkits_rule_in_the_image() {
     let (van, region) = (object("Van", 0), object("DontCare", 2));
@@ -269,7 +269,7 @@ fn the_fair_protocol_keeps_the_devkits_rule_in_the_image() {
     }
 }
 
-/// All thresholds at once must be what the devkit does one by one: matched again from scratch here.
+/// All thresholds at once must give the devkit's result for each threshold; this test matches from scratch for each one.
 #[test]
 fn every_threshold_agrees_with_matching_from_scratch() {
     let mut stream = Random::new(1, &[]);
@@ -292,7 +292,7 @@ fn every_threshold_agrees_with_matching_from_scratch() {
     }
     let rule = car(0.3);
     for step in 0..=20 {
-        // Dropping what lies below a threshold leaves the curve above it as it was.
+        // Dropping the detections below a threshold leaves the curve above it unchanged.
         let threshold = f64::from(step) / 20.0;
         let mut cut = frames.clone();
         for frame in &mut cut {
@@ -304,7 +304,7 @@ fn every_threshold_agrees_with_matching_from_scratch() {
     }
 }
 
-/// Hits and false alarms of one frame list, written down plainly from the devkit's rules.
+/// Hits and false alarms of a list of frames, by a plain implementation of the devkit's rules.
 fn plain_counts(frames: &[LabelledFrame], rule: &ClassRule) -> (i64, i64) {
     let (mut hits, mut false_alarms) = (0, 0);
     for frame in frames {

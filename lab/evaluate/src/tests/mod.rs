@@ -7,7 +7,7 @@ use crate::LabelledFrame;
 use mluc_dataset::Label;
 use mluc_geometry::CameraBox;
 
-/// An object of 4 m x 1.6 m x 1.5 m, 50 px high, that nothing hides; others stand beside it in space and in the image.
+/// An object of 4 m x 1.6 m x 1.5 m, 50 px high, without occlusion; others are next to it in space and in the image.
 pub(crate) fn label(class: &str, x_m: f64) -> Label {
     let left = 6.0 * x_m;
     Label {
@@ -22,7 +22,7 @@ pub(crate) fn label(class: &str, x_m: f64) -> Label {
     }
 }
 
-/// A detection just there.
+/// A detection at exactly this label.
 pub(crate) fn found(label: &Label, class: &str, score: f64) -> Label {
     Label {
         class: class.to_owned(),
@@ -31,7 +31,7 @@ pub(crate) fn found(label: &Label, class: &str, score: f64) -> Label {
     }
 }
 
-/// The same where a label of this place would be.
+/// A detection where a label with this x would be.
 pub(crate) fn found_at(x_m: f64, class: &str, score: f64) -> Label {
     found(&label("", x_m), class, score)
 }

@@ -1,4 +1,4 @@
-//! The open-set figures: of the whole and of parts of a data set, at many thresholds of the gate, and the choice of one.
+//! The open-set figures: for the whole data set and parts of it, at many thresholds of the gate, and the choice of a threshold.
 
 use crate::sweep::quantile_grid;
 use crate::{
@@ -28,7 +28,7 @@ fn truth(labels: &[(&str, Box3)]) -> FrameTruth {
     }
 }
 
-/// A box of the network: unknown where its gate's score lies below the threshold.
+/// A box of the network: it is unknown if its gate's score is below the threshold.
 struct Kept {
     gate: f64,
     score: f64,
@@ -56,7 +56,7 @@ impl Scene {
     }
 }
 
-/// Sixty frames; two of three have a forklift. Every car is found, and every fifth looks like an unknown object; so do all forklifts.
+/// Sixty frames; two of three have a forklift. Every car is found. Every fifth car and all forklifts look like an unknown object.
 fn cars_and_forklifts() -> Scene {
     let cars = [10.0, 12.0, 20.0].map(shape);
     let frame = |i: usize| match i % 3 {
@@ -72,7 +72,7 @@ fn cars_and_forklifts() -> Scene {
             shape: cars[i % 3],
         }];
         if i % 3 != 1 {
-            // Half a metre off still overlaps by 0.5 of 4 m x 2 m.
+            // A box half a metre off still overlaps the object of 4 m x 2 m by 0.5.
             all.push(Kept {
                 gate: 1.1 + score / 10.0,
                 score: score - 0.2,
@@ -130,12 +130,12 @@ fn a_threshold_is_chosen_on_one_half_and_judged_on_the_other() {
     let odd: Vec<usize> = (1..60).step_by(2).collect();
     assert_eq!(points[2].all, judged.all());
     assert_eq!(points[2].halves[1], judged.figures(&odd));
-    // 1.2 is where cars begin to fall: the best threshold lies below.
+    // Cars are lost from 1.2 on: the best threshold is lower.
     let swept = points.each_ref().map(JudgedPoint::main);
     assert_eq!(thresholds[best_index(&swept)], 1.18);
     let honest = honest(&points).expect("points");
     assert!(honest.thresholds.iter().all(|t| *t <= 1.18 && *t > 0.0));
-    // The honest figures cannot come from thresholds that see the judged half.
+    // Unbiased figures cannot come from thresholds that were chosen on the judged half.
     let of = |half: usize, threshold: f64| {
         let mut points = points.iter();
         let point = points.find(|p| p.threshold == threshold).expect("it");
@@ -153,7 +153,7 @@ fn the_bootstrap_keeps_the_figure_and_gives_its_spread() {
     for (name, value) in judged.all().named() {
         assert_eq!(spread[&name][0], value, "{name}");
     }
-    // 40 labels of which a share p is found: the deviation of a share of about 40 draws.
+    // A share p of 40 labels is found: the deviation is that of a share of about 40 draws.
     let recall = judged.all().recall_unknown / 100.0;
     let expected = 100.0 * (recall * (1.0 - recall) / 40.0).sqrt();
     let found = spread["recall_unknown"][1];
@@ -180,7 +180,7 @@ fn the_choice_keeps_nine_tenths_of_the_known() {
     ];
     assert_eq!(points[best_index(&points)].threshold, 1.2);
     assert_eq!(best_index(&[points[0], points[2]]), 0);
-    // An open head's threshold is one half, the last.
+    // The threshold of an open head is one half, which is the last point.
     let of_gates = [ModelGate::Eds, ModelGate::Known].map(|gate| gate.best_index(&points));
     assert_eq!(of_gates, [1, 3]);
 }

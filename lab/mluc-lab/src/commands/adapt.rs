@@ -1,5 +1,5 @@
-//! `mluc-lab adapt`: weights for one sensor and the classes that its user knows, from the shipped ones. Each step leaves its result in
-//! the folder; started again, the command goes on behind the last one that is done.
+//! `mluc-lab adapt`: weights for one sensor and the classes that its user knows, from the shipped weights. Each step stores its result
+//! in the folder; a restarted command continues after the last finished step.
 
 mod plan;
 mod report;
@@ -25,7 +25,7 @@ use super::simulate::export_with_progress;
 use super::terminal::{Threads, counted, print_err, print_out};
 use super::train::{train, tune_memory};
 
-/// Where adaptation begins unless --init says otherwise.
+/// Initial weights without --init.
 const ANY_OPEN: &[u8] = include_bytes!("../../../../weights/any-open.safetensors");
 
 /// Adapt the weights to one sensor and the classes that you know, in a given time: simulates scans of this very sensor, trains on from
@@ -56,7 +56,7 @@ pub(crate) struct AdaptArguments {
 }
 
 fn hours(text: &str) -> Result<f64, String> {
-    // Few digits, which plan.json gives back as they are.
+    // The number has few digits, so that plan.json keeps it exactly.
     let hours = text.parse().ok().map(|h: f64| (1e6 * h).round() / 1e6);
     let hours = hours.filter(|h| *h > 0.0 && *h <= 1000.0);
     hours.ok_or_else(|| format!("expected more than 0 and at most 1000, found '{text}'"))
@@ -116,7 +116,7 @@ pub(crate) fn run(arguments: AdaptArguments) -> Result<()> {
     print_out(format_args!("{}\n{}", path.display(), model.display()))
 }
 
-/// A class as a model names it.
+/// A class name as in a model.
 fn lower(class: Class) -> String {
     class.name().to_ascii_lowercase()
 }
@@ -157,20 +157,20 @@ impl Adaptation<'_> {
         train(&settings).map(drop)
     }
 
-    /// Whether the model is there with the last figures that are written.
+    /// Whether the model is complete: it has the figures that are written last.
     fn is_done(&self) -> bool {
         let [last, _] = Precision::Int8.metrics();
         Model::read(&self.model())
             .is_ok_and(|model| model.manifest.provenance.metrics.contains_key(&last))
     }
 
-    /// The model of the run with its int8 ranges and the scores of its profiles.
+    /// Finishes the run's model with int8 ranges and the scores of its profiles.
     fn finish_model(&self) -> Result<()> {
         print_err("step 4 of 4: int8 ranges, scores, figures");
         let (trained, path) = (self.run_folder().join("model.safetensors"), self.model());
         let (scans, mut train) = (self.scans(Split::Train), Model::read(&trained)?);
         let sensor = &self.plan.request.sensor;
-        // A model's sensor stands 0.1 m high or higher.
+        // A model's sensor height is at least 0.1 m.
         let height_m = sensor.height_m.map(|height_m| height_m.max(0.1));
         train.manifest.sensor_height_m = height_m.unwrap_or(train.manifest.sensor_height_m);
         let dataset = Dataset::open(&scans)?;
@@ -179,13 +179,13 @@ impl Adaptation<'_> {
         manifest.provenance.threshold_choice = "one half: more likely unknown than known".into();
         let beams = sensor.elevations_deg.len() as f32;
         let mut takes = Takes::like(beams, rays(sensor), sensor.height_m.unwrap_or_default());
-        // Units may look in directions of their own.
+        // The units may point in different directions.
         takes.beams[1] *= sensor.units.len().max(1) as u32;
         if sensor.wave.is_some() {
             takes.beams = [0, u32::MAX];
         }
         if sensor.height_m.is_none() {
-            // Simulated at any height.
+            // The simulator varied the height.
             takes.height_m = manifest.takes().height_m;
         }
         manifest.takes = Some(takes);
@@ -201,7 +201,7 @@ impl Adaptation<'_> {
         })?)
     }
 
-    /// What neither a model nor this adaptation knows.
+    /// Classes that neither a model nor this adaptation knows.
     fn unknown(&self, model: &Model) -> Vec<String> {
         let mut known = model.manifest.class_names();
         known.extend(self.plan.request.known.clone());
@@ -210,7 +210,7 @@ impl Adaptation<'_> {
         unknown
     }
 
-    /// A model's detections on the validation scans, and how good they are.
+    /// A model's detections on the validation scans, and their evaluation.
     fn judge(&self, model: &Model) -> Result<(FrameSet, Vec<DetectedFrame>, ModelJudgement)> {
         let set = FrameSet::open(&self.scans(Split::Val), None, self.plan.val_scans as usize)?;
         let frames = counted("network", set.names().len(), |step| {
@@ -218,13 +218,13 @@ impl Adaptation<'_> {
         })?;
         let unknown = self.unknown(model);
         let mut model = model.clone();
-        // Before and after by the same overlaps, whatever training begins with.
+        // The same overlaps before and after, for any initial weights.
         model.manifest.name = "any".into();
         let judgement = judge(&model, &set, &frames, &unknown, &Settings::default())?;
         Ok((set, frames, judgement))
     }
 
-    /// The figures of a model file, from `NAME.json` where they are there for this very file.
+    /// The figures of a model file, from `NAME.json` where it belongs to this very file.
     fn judged(&self, name: &str, path: &Path) -> Result<report::Figures> {
         let model = Model::read(path)?;
         let file = self.out.join(format!("{name}.json"));

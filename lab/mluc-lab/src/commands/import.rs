@@ -1,4 +1,4 @@
-//! `mluc-lab import`: weights of others as a model file.
+//! `mluc-lab import`: converts weights of other programs to a model file.
 
 use std::path::PathBuf;
 
@@ -48,7 +48,7 @@ fn anchor(text: &str) -> Result<AnchorClass, String> {
             name: name.to_ascii_lowercase(),
             size_m: [*length, *width, *height],
             bottom_z_m: *bottom,
-            // Overlaps count in training alone.
+            // These overlaps are used only in training.
             matched_iou: 0.5,
             unmatched_iou: 0.35,
         }),

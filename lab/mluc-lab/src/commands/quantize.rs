@@ -1,7 +1,7 @@
-//! `mluc-lab quantize`: makes a model fit for int8.
+//! `mluc-lab quantize`: prepares a model for int8.
 
-use super::terminal::{at_least_one, counted, print_err, write_out};
-use clap::Args;
+use super::terminal::{counted, print_err, write_out};
+use clap::{Args, builder::RangedU64ValueParser};
 use mluc_backbone::Precision;
 use mluc_dataset::Dataset;
 use mluc_evaluate::pipeline::{folder_tail, scan_points};
@@ -9,7 +9,7 @@ use mluc_model::{Manifest, Model, WeightSet, model_bytes};
 use mluc_train::{TrainError, export::empty_objectness_max, quantize::measure_ranges};
 use std::path::{Path, PathBuf};
 
-/// Frames that ranges are measured on.
+/// Number of frames for measuring the ranges.
 pub(super) const RANGE_FRAMES: usize = 48;
 
 /// Measure on scans how large the values between a model's layers get, and store it in a model file, so that it runs with
@@ -29,7 +29,7 @@ pub(crate) struct QuantizeArguments {
     #[arg(long)]
     split: Option<String>,
     /// Frames to measure, evenly spaced.
-    #[arg(long, default_value_t = RANGE_FRAMES, value_parser = at_least_one, value_name = "N")]
+    #[arg(long, default_value_t = RANGE_FRAMES, value_parser = RangedU64ValueParser::<usize>::new().range(1..), value_name = "N")]
     frames: usize,
     /// Where the model goes with what was measured; may be the same file.
     #[arg(long, value_name = "FILE")]
@@ -45,8 +45,8 @@ pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
     write_out(&arguments.out, &bytes)
 }
 
-/// A model with ranges measured on `frames` of a data set, evenly spaced, beginning with the first; `data` is its folder. Its provenance
-/// says how they were chosen.
+/// A model with ranges measured on `frames` of a data set, evenly spaced from the first frame; `data` is its folder. Its provenance
+/// states how they were chosen.
 pub(super) fn quantized(
     model: &Model,
     dataset: &Dataset,
@@ -59,14 +59,14 @@ pub(super) fn quantized(
     let weights = counted("ranges", count, |step| {
         let scans = (0..count).map(|i| {
             step();
-            // As the stages see them.
+            // The points as the stages get them.
             let points = scan_points(dataset, &names[(i as f64 * distance) as usize])?;
             Ok::<Vec<[f32; 4]>, TrainError>(bytemuck::cast_slice(&points).to_vec())
         });
         measure_ranges(&model.manifest, &model.weights, scans)
     })?;
     let mut manifest = model.manifest.clone();
-    // Figures of other ranges: `--precision auto` must not choose by them.
+    // Remove the figures for the old ranges: `--precision auto` must not use them.
     for name in Precision::Int8.metrics() {
         manifest.provenance.metrics.remove(&name);
     }
@@ -74,7 +74,7 @@ pub(super) fn quantized(
     manifest.provenance.calibration = format!(
         "{count} of {all} frames of {folder}; ranges hold a quarter more than what was seen"
     );
-    // Of weights that are a mean of others nobody has told it yet.
+    // Weights that are a mean of others do not have this value yet.
     manifest.empty_objectness_max = empty_objectness_max(&manifest, &weights)?;
     Ok((manifest, weights))
 }

@@ -1,4 +1,4 @@
-//! `mluc-lab render`: pictures of scans with their labels and with what was found, one by one, as a sheet or as an animation.
+//! `mluc-lab render`: pictures of scans with labels and detections, one by one, as a sheet or as an animation.
 
 use super::terminal::{counted, write_out};
 use anyhow::{Context, bail, ensure};
@@ -11,11 +11,11 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Most pictures of a sheet or an animation: they are held in memory.
+/// Maximum number of pictures in a sheet or an animation: they are all in memory.
 const PICTURES_MAX: usize = 256;
-/// Width of a picture by itself, and of one among others, px.
+/// Width of a single picture, and of one among others, px.
 const WIDTHS_PX: [usize; 2] = [1280, 640];
-/// Pixels a metre of a picture from above, by itself and among others.
+/// Pixels per metre of a picture from above, alone and among others.
 const PX_PER_M: [f32; 2] = [10.0, 5.0];
 
 /// Draw scans as a PNG, with the boxes of their labels and of what was found.
@@ -91,7 +91,7 @@ impl RenderArguments {
         Ok(scans.map(|name| dataset.scan_path(name)).collect())
     }
 
-    /// By the scans' names, of which one at least must be among them.
+    /// Detections by scan name; at least one of the names must be a scan's.
     fn found(&self, scans: &[PathBuf]) -> anyhow::Result<BTreeMap<String, Vec<SensorDetection>>> {
         let Some(path) = &self.detections else {
             return Ok(BTreeMap::new());
@@ -164,7 +164,7 @@ fn stem(scan: &Path) -> String {
     stem.to_string_lossy().into_owned()
 }
 
-/// The given file or the scan's in the given folder, or that of a folder beside the scan's own.
+/// The given file, or the scan's file in the given folder, or in `folder` next to the scan's own folder.
 fn given_or_beside(scan: &Path, given: &Option<PathBuf>, folder: &str) -> Option<PathBuf> {
     let name = scan.with_extension("txt");
     let name = name.file_name()?;
@@ -178,7 +178,7 @@ fn given_or_beside(scan: &Path, given: &Option<PathBuf>, folder: &str) -> Option
     }
 }
 
-/// Pictures of one size, as wide as high in pictures.
+/// A sheet of equally large pictures, with about as many rows as columns.
 fn sheet(pictures: &[Canvas]) -> Canvas {
     let [width, height] = pictures[0].size_px();
     let columns = (pictures.len() as f64).sqrt().ceil() as usize;

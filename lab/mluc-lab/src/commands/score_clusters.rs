@@ -1,4 +1,4 @@
-//! `mluc-lab score-clusters`: gives a model a score of clusters.
+//! `mluc-lab score-clusters`: adds a cluster scorer to a model.
 
 use std::path::PathBuf;
 

@@ -22,12 +22,12 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
     arguments.threads.start()?;
     let mut options = arguments.options;
     let mut pair = options.clone();
-    // Without a separator at its end.
+    // Without a trailing separator.
     pair.folder = pair.folder.components().as_path().to_owned();
     pair.folder.as_mut_os_string().push("-pair");
     let has_pair = options.scanned_by.take().is_some();
     if has_pair {
-        // Before hours are spent on the first.
+        // Checked before the long simulation of the first data set.
         pair.check()?;
     }
     let name = export_with_progress(&options)?;
@@ -42,7 +42,7 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
     print_out(format_args!("{name}: {total} frames in {folder}"))
 }
 
-/// Simulates, shows how far it is, and gives the name of what was simulated.
+/// Simulates with a progress display, and returns the name of the data set.
 pub(super) fn export_with_progress(options: &ExportOptions) -> anyhow::Result<String> {
     let name = format!("{} {}", options.family.name(), options.split.name());
     let total = options.indices().len() as u64;

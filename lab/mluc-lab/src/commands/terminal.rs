@@ -1,4 +1,4 @@
-//! What commands print, and what their options share. A terminal or file that is full or closed must not stop the work.
+//! Output of the commands, and common options. A full or closed terminal or file must not stop the work.
 
 use mluc_dataset::whole_file::write_whole;
 use std::io::{IsTerminal, Write, stderr, stdout};
@@ -7,26 +7,26 @@ use std::time::{Duration, Instant};
 use std::{fmt::Display, path::Path};
 
 use anyhow::Context;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::{PossibleValuesParser, RangedU64ValueParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// A line on stderr, lost where it cannot be written.
+/// Prints a line on stderr; a failure is ignored.
 pub(crate) fn print_err(text: impl Display) {
     let _ = writeln!(stderr(), "{text}");
 }
 
-/// The command's answer, a line on stdout.
+/// Prints a line of the command's result on stdout.
 pub(crate) fn print_out(text: impl Display) -> anyhow::Result<()> {
     writeln!(stdout(), "{text}").context("standard output")
 }
 
-/// Writes a file, whole or not at all, and answers with its path.
+/// Writes a file completely or not at all, and prints its path.
 pub(crate) fn write_out(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     write_whole(path, bytes).with_context(|| path.display().to_string())?;
     print_out(path.display())
 }
 
-/// Without a terminal, a line this often.
+/// Time between progress lines without a terminal.
 const LINE_EVERY: Duration = Duration::from_secs(30);
 
 /// A progress bar on a terminal, lines elsewhere; always on stderr.
@@ -48,7 +48,7 @@ impl Progress {
         }
     }
 
-    /// A line where there is no bar and the last line is long ago, or where it `must` be.
+    /// Prints a line where there is no bar, if the last line is old enough or `must` is set.
     pub(crate) fn line(&self, must: bool, text: impl Display) {
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         let is_due = last.is_none_or(|last| last.elapsed() >= LINE_EVERY);
@@ -58,7 +58,7 @@ impl Progress {
         }
     }
 
-    /// A line in any case.
+    /// Prints a line in any case.
     pub(crate) fn note(&self, text: &str) {
         if self.is_terminal {
             self.bar.println(text);
@@ -67,13 +67,13 @@ impl Progress {
         }
     }
 
-    /// The next line is due after the time between two.
+    /// Delays the next line by the time between two lines.
     pub(crate) fn wait_with_lines(&self) {
         *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
     }
 }
 
-/// Does work that calls what it is given after each frame; on a terminal a bar counts them.
+/// Runs `work` with a function that it calls after each frame; on a terminal a bar shows the count.
 pub(crate) fn counted<T>(
     what: &str,
     frames: usize,
@@ -86,7 +86,7 @@ pub(crate) fn counted<T>(
     result
 }
 
-/// An option's value by its name.
+/// Parser of an option's value by name.
 pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
     all: &'static [T],
     name: fn(T) -> &'static str,
@@ -97,32 +97,18 @@ pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
     })
 }
 
-/// A number that may not be 0.
-pub(crate) fn at_least_one(text: &str) -> Result<usize, String> {
-    let number = text.parse().ok().filter(|number| *number > 0);
-    number.ok_or_else(|| format!("expected 1 or more, found {text}"))
-}
-
 /// Threads of a command.
 #[derive(clap::Args)]
 pub(crate) struct Threads {
     /// Threads; 0: all cores.
-    #[arg(long, default_value_t = 0, value_parser = threads)]
+    #[arg(long, default_value_t = 0, value_parser = RangedU64ValueParser::<usize>::new().range(..=256))]
     threads: usize,
 }
 
 impl Threads {
-    /// Makes the pool that everything of this process runs on.
+    /// Starts the thread pool of this process.
     pub(crate) fn start(&self) -> anyhow::Result<()> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads);
         pool.build_global().context("the threads cannot be started")
     }
-}
-
-/// A number of threads: 0 for all cores, at most four a core (64 are taken on any machine).
-fn threads(text: &str) -> Result<usize, String> {
-    let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
-    let most = (4 * cores).max(64);
-    let number = text.parse().ok().filter(|n| *n <= most);
-    number.ok_or_else(|| format!("expected 0 to {most}, found '{text}'"))
 }

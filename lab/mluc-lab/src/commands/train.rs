@@ -22,7 +22,7 @@ pub(crate) struct Train {
     stream: bool,
 }
 
-/// The commit that is checked out; `unknown` where git or a repository is not at hand.
+/// The checked-out commit; `unknown` where git or a repository is not available.
 pub(super) fn commit() -> String {
     let mut git = std::process::Command::new("git");
     let output = git.args(["rev-parse", "--short=12", "HEAD"]).output();
@@ -33,16 +33,16 @@ pub(super) fn commit() -> String {
     commit.unwrap_or_else(|| "unknown".into())
 }
 
-/// What glibc's allocator is told: large blocks come from the heap and stay there. By default every block above 32 MiB at most is
-/// mapped afresh, and each of its pages costs a fault when it is first written: a fifth to a third of a step.
+/// Options of glibc's allocator: large blocks come from the heap and stay there. By default every block above at most 32 MiB is mapped
+/// anew, and each of its pages costs a fault at the first write: a fifth to a third of a step.
 const MEMORY: [(&str, &str); 3] = [
     ("MALLOC_MMAP_MAX_", "0"),
     ("MALLOC_TRIM_THRESHOLD_", "1000000000000"),
     ("MALLOC_TOP_PAD_", "268435456"),
 ];
 
-/// Starts this program anew with [`MEMORY`], which the allocator reads at the start alone. Whoever sets one of them is left alone;
-/// another allocator does not look at them.
+/// Restarts this program with [`MEMORY`], which the allocator reads only at the start. If one of these variables is already set, nothing
+/// is changed; other allocators ignore them.
 pub(super) fn tune_memory() {
     let is_set = |(name, _): &(&str, &str)| std::env::var_os(name).is_some();
     if MEMORY.iter().any(is_set) {
@@ -55,7 +55,7 @@ pub(super) fn tune_memory() {
     command.args(std::env::args_os().skip(1)).envs(MEMORY);
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
-        // It comes back only where it failed; the run then goes on as it is.
+        // `exec` returns only on failure; the run then continues without these options.
         let fault = std::os::unix::process::CommandExt::exec(&mut command);
         print_err(format_args!("the allocator keeps its defaults: {fault}"));
     }
@@ -78,7 +78,7 @@ pub(crate) fn run(arguments: Train) -> anyhow::Result<()> {
     print_out(train(&settings)?.display())
 }
 
-/// Trains and shows how far it is; gives the model file.
+/// Trains with a progress display; returns the path of the model file.
 pub(super) fn train(settings: &TrainSettings) -> anyhow::Result<PathBuf> {
     let screen = Progress::new("", settings.steps, "{bar:30} {pos}/{len} {msg}");
     let mut tell = |event: TrainEvent| match event {

@@ -1,4 +1,4 @@
-//! Named tensors out of a safetensors file.
+//! Named tensors from a safetensors file.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use safetensors::tensor::{Dtype, SafeTensors};
 
 /// Metadata key of our manifest.
 pub(super) const MANIFEST_KEY: &str = "mluc";
-/// How PyTorch's files begin: a zip archive, or (before PyTorch 1.6) a pickle of protocol 2.
+/// First bytes of PyTorch's files: a zip archive, or (before PyTorch 1.6) a pickle of protocol 2.
 const PYTORCH: [&[u8]; 2] = [b"PK\x03\x04", b"\x80\x02"];
 
 pub(super) struct Checkpoint {

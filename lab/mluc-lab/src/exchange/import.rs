@@ -11,15 +11,15 @@ use super::names::{tensor_names, unchanged_names};
 /// A model that passes every check.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Imported {
-    /// Closed set, or that of an exported model.
+    /// Manifest with a closed-set head, or the manifest of an exported model.
     pub manifest: Manifest,
-    /// Under our names.
+    /// Weights under our names.
     pub weights: WeightSet,
     /// Layout of the sparse layers in the file.
     pub layout: SparseLayout,
 }
 
-/// The anchor that OpenPCDet's SECOND configurations give a class, its bottom on KITTI (`anchors.json`).
+/// The anchor of a class in OpenPCDet's SECOND configurations, with its bottom on KITTI (`anchors.json`).
 pub fn anchor(class: &str) -> anyhow::Result<AnchorClass> {
     let anchors: Vec<AnchorClass> = serde_json::from_str(include_str!("anchors.json"))?;
     let known = anchors.into_iter().find(|anchor| anchor.name == class);
@@ -42,14 +42,14 @@ pub fn second(name: &str, classes: Vec<AnchorClass>) -> Manifest {
     manifest
 }
 
-/// Reads a checkpoint of SECOND, or what [`super::export()`] wrote; the latter brings its own manifest, and `second` does not count.
+/// Reads a checkpoint of SECOND, or a file of [`super::export()`]; the latter has its own manifest, and `second` is ignored.
 pub fn import(bytes: &[u8], second: Manifest) -> anyhow::Result<Imported> {
     let checkpoint = checkpoint::read(bytes)?;
     let Some(json) = &checkpoint.manifest else {
         let mut imported = fill(second, checkpoint)?;
         let (manifest, weights) = (&imported.manifest, &imported.weights);
         imported.manifest.empty_objectness_max = empty_objectness_max(manifest, weights)?;
-        // Refuses a network that sees things where nothing is.
+        // Rejects a network that detects objects in an empty scan.
         Head::new(&imported.manifest, &imported.weights)?;
         return Ok(imported);
     };
@@ -94,7 +94,7 @@ fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> anyhow::Result<Import
     Ok(Imported {
         manifest,
         weights,
-        // Without one a sparse layer was refused above.
+        // Without a layout a sparse layer was rejected above.
         layout: layout.unwrap_or(SparseLayout::OutTapsIn),
     })
 }
@@ -123,8 +123,8 @@ fn fitted(
     bail!("tensor `{name}`: expected shape {expected}, found {found:?}")
 }
 
-/// The order of axes of a sparse convolution's weights: it changed between versions of spconv, and a file does not say which it has.
-/// The layers whose channels differ in number tell. (z, y, x) are the taps of the kernel.
+/// The order of axes of a sparse convolution's weights. It differs between versions of spconv, and a file does not state it. Layers with
+/// different numbers of input and output channels show it. (z, y, x) are the taps of the kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SparseLayout {
     /// spconv 2: (out, z, y, x, in), which is also ours.
@@ -136,7 +136,7 @@ pub enum SparseLayout {
 }
 
 impl SparseLayout {
-    /// Every layout that is read, the likeliest first.
+    /// Every supported layout, the most likely first.
     pub const ALL: [SparseLayout; 3] = [Self::OutTapsIn, Self::TapsInOut, Self::TapsOutIn];
 
     /// The shape in this layout of a tensor with shape `ours`.
@@ -157,7 +157,7 @@ impl SparseLayout {
         SparseLayout::ALL.into_iter().find(fits)
     }
 
-    /// From this layout to ours, (out, z, y, x, in). `tensor` has [`SparseLayout::shape`] of `ours`.
+    /// Converts from this layout to ours, (out, z, y, x, in). `tensor` has [`SparseLayout::shape`] of `ours`.
     pub fn to_ours(self, tensor: &Tensor, ours: [usize; 5]) -> Tensor {
         let [out, z, y, x, cin] = ours;
         let taps = z * y * x;

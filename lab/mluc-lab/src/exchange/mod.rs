@@ -1,7 +1,7 @@
-//! Weights of others: checkpoints of OpenPCDet's SECOND become model files, and model files become safetensors with the
-//! names that OpenPCDet gives its layers (`docs/weights.md` lists them).
+//! Exchange of weights: checkpoints of OpenPCDet's SECOND become model files, and model files become safetensors with
+//! OpenPCDet's names of the layers (`docs/weights.md` lists them).
 //!
-//! A checkpoint comes as safetensors. PyTorch's own files hold a pickle, a program that may call anything:
+//! A checkpoint is a safetensors file. PyTorch's own files contain a pickle, a program that may call anything:
 //! `tools/checkpoint_to_safetensors.py` converts them with PyTorch's restricted reader.
 
 mod checkpoint;
@@ -19,8 +19,8 @@ use mluc_model::{Model, WeightSet};
 use checkpoint::MANIFEST_KEY;
 use names::unchanged_names;
 
-/// The bytes of a model as such a file. Its metadata holds the manifest, so that [`import()`] gives the same model again, and
-/// `format: pt`, which PyTorch's readers of safetensors ask for.
+/// The bytes of a model as such a file. Its metadata contains the manifest, so that [`import()`] restores the same model, and
+/// `format: pt`, which PyTorch's readers of safetensors require.
 pub fn export(model: &Model) -> anyhow::Result<Vec<u8>> {
     let mut renamed = WeightSet::new();
     let network = &model.manifest.network;

@@ -1,13 +1,13 @@
-//! What OpenPCDet calls each tensor of SECOND (`VoxelBackBone8x`, `BaseBEVBackbone`, `AnchorHeadSingle`).
+//! OpenPCDet's name of each tensor of SECOND (`VoxelBackBone8x`, `BaseBEVBackbone`, `AnchorHeadSingle`).
 //!
-//! Its modules are lists of modules, so a name counts places: in a block of the bird's-eye part, padding, convolution,
-//! normalisation and ReLU of layer `i` stand at places 0, 1 + 3 i, 2 + 3 i and 3 + 3 i.
+//! Its modules are lists of modules, so a name contains indices: in a block of the bird's-eye part, padding, convolution,
+//! normalisation and ReLU of layer `i` have the indices 0, 1 + 3 i, 2 + 3 i and 3 + 3 i.
 
 use mluc_model::{
     CLUSTER_SCORER, Network, calibrated_layers, calibration_tensor, expected_tensors,
 };
 
-/// OpenPCDet's name of one of our tensors; heads that it does not have are named alike.
+/// OpenPCDet's name of one of our tensors; heads that it does not have are named in the same way.
 pub fn openpcdet_name(ours: &str) -> String {
     let (layer, part) = ours.rsplit_once('.').unwrap_or((ours, ""));
     let without_norm = layer.strip_suffix(".bn");
@@ -39,7 +39,7 @@ fn in_block(layer: &str) -> Option<(usize, usize)> {
     Some((block.parse().ok()?, index.parse().ok()?))
 }
 
-/// Ours, OpenPCDet's and the shape of every tensor of a network, in the order of its layers.
+/// Our name, OpenPCDet's name and the shape of every tensor of a network, in the order of its layers.
 pub fn tensor_names(network: &Network) -> Vec<(String, String, Vec<usize>)> {
     let tensors = expected_tensors(network).into_iter();
     let named = tensors.map(|(ours, shape)| {
@@ -49,7 +49,7 @@ pub fn tensor_names(network: &Network) -> Vec<(String, String, Vec<usize>)> {
     named.collect()
 }
 
-/// Optional tensors that keep our names: calibration ranges and the scorer of clusters.
+/// Optional tensors that keep our names: calibration ranges and the cluster scorer.
 pub(super) fn unchanged_names(network: &Network) -> impl Iterator<Item = String> {
     let ranges = calibrated_layers(network).into_iter();
     let ranges = ranges.map(|(level, _)| calibration_tensor(&level));

@@ -1,4 +1,4 @@
-//! `mluc-lab adapt`, with as little as it takes.
+//! `mluc-lab adapt`, with the smallest possible settings.
 
 use crate::{Folder, text};
 use mluc_model::Model;
@@ -28,7 +28,7 @@ fn a_model_is_adapted_once_and_goes_on_where_it_was() {
     assert!(!from.calibration.is_empty() && !from.profile_choice.is_empty());
     assert_eq!((from.steps, manifest.sensor_height_m), (9, 1.5));
 
-    // Again: nothing is done twice; what is missing is made again, the same.
+    // A second run repeats nothing; missing files are made again with the same content.
     std::fs::remove_file(folder.path("a/model.safetensors")).expect("removed");
     std::fs::remove_file(folder.path("a/report.md")).expect("removed");
     std::fs::remove_file(folder.path("a/scans/train/planes/000003.txt")).expect("removed");
@@ -36,7 +36,7 @@ fn a_model_is_adapted_once_and_goes_on_where_it_was() {
     assert!(!text(&output.stderr).contains("probe"));
     assert!(folder.read("a/model.safetensors") == bytes);
     assert_eq!(text(&folder.read("a/report.md")), report);
-    // Its scans may go.
+    // Its scans may be deleted.
     std::fs::remove_dir_all(folder.path("a/scans")).expect("removed");
     folder.run(&adapt(few));
     assert!(!folder.path("a/scans").exists());
@@ -58,7 +58,7 @@ fn a_model_is_adapted_once_and_goes_on_where_it_was() {
     let fine = ["expected at most 262144 rays", "found 540000"];
     folder.refuses("adapt --sensor fine.toml --out b", &fine);
 
-    // A pair's folder is looked at first.
+    // The folder of a pair is checked first.
     folder.write("c-pair/mine", "");
     let pair = "simulate --family sim-any --split val --frames 1 --pair mine.toml --out c/";
     folder.refuses(pair, &["c-pair: expected an empty or a new folder"]);

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 const CAMERA: &str = "P2: 700 0 600 0 0 700 180 0 0 0 1 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
     Tr_velo_to_cam: 0 -1 0 0 0 0 -1 -0.1 1 0 0 -0.3\n";
 
-/// A car, a pedestrian, a van, a region without labels.
+/// A car, a pedestrian, a van, and a region without labels.
 const LABELS: &str = "Car 0 0 0 0 0 100 100 1.5 1.6 4.0 -3 1.7 15 0.4\n\
     Pedestrian 0 1 0 0 0 100 100 1.7 0.6 0.8 4 1.7 12 -1\n\
     Van 0 0 0 0 0 100 100 2.1 1.9 5.0 0 1.7 25 1.5\n\
@@ -20,7 +20,7 @@ const OPEN_SET: &str = "--json --unknown van,truck --unknown-iou 0.1";
 const CAR: &str = "car/3d/moderate";
 
 impl Folder {
-    /// Frames of the same labels under `part`, and the JSON lines of a detector that finds all of them.
+    /// Writes frames with the same labels under `part`, and the JSON lines of a detector that finds all of them.
     fn scene(&self, part: &str, calibration: &str, frames: usize) {
         let mut lines = String::new();
         for i in 0..frames {
@@ -59,7 +59,7 @@ fn line(frame: &str, objects: Vec<Value>) -> String {
     format!("{line}\n")
 }
 
-/// The words that judge the folders `parts`.
+/// The words of a command that judges the folders `parts`.
 fn ap(parts: &str, more: &str) -> String {
     judging("ap", parts, more)
 }
@@ -94,7 +94,7 @@ fn a_perfect_detector_without_a_camera() {
         assert_eq!(report[name], 100.0, "{name}");
         assert_eq!(report[format!("{name}_all")], 100.0, "{name}");
     }
-    // Nobody labelled a cyclist: its AP is 0 and map_known leaves it out.
+    // No label is a cyclist: its AP is 0 and map_known leaves it out.
     assert_eq!(figure(&report, "cyclist/3d/moderate", "ap_all"), 0.0);
 
     let table = folder.run(&ap("a", OPEN_SET.trim_start_matches("--json")));
@@ -102,7 +102,7 @@ fn a_perfect_detector_without_a_camera() {
     assert_has(&table, &["car", "pedestrian", "unknown", "harmonic mean"]);
     assert_has(&table, &["50 frames, 150 detections"]);
 
-    // The closed set has no open-set figures: its keys are the devkit's nine a class, and AP by range.
+    // The closed set has no open-set figures: its keys are the devkit's nine per class, and AP by range.
     let report = folder.json(&ap("a", "--json"));
     let keys: Vec<&String> = report.as_object().expect("an object").keys().collect();
     let is_of_class = |key: &&&String| key.split('/').count() == 3;
@@ -133,7 +133,7 @@ fn folders_with_the_same_frame_names_are_pooled() {
     folder.scene("b", NO_CAMERA, 20);
     let both = folder.json(&ap("a b", OPEN_SET));
     assert_eq!(figure(&both, CAR, "ap_r40"), 100.0);
-    // Thirty labels alone cannot reach 100 at 40 positions.
+    // Thirty labels alone cannot reach AP 100 at 40 positions.
     let one = folder.json(&ap("a", OPEN_SET));
     assert!(figure(&one, CAR, "ap_r40") < 80.0);
     assert_eq!(figure(&one, CAR, "ap_all"), 100.0);
@@ -158,11 +158,11 @@ fn overlaps_and_classes_can_be_chosen() {
     folder.scene("a", NO_CAMERA, 1);
     let mut objects = folder.perfect_objects("a");
     let [mut car, _, van]: [Box3; 3] = folder.boxes("a").try_into().expect("three");
-    // Moved by a fifth of its length: IoU 2/3.
+    // The car is moved by a fifth of its length: IoU 2/3.
     car.center_m[0] += 0.8 * car.yaw_rad.cos();
     car.center_m[1] += 0.8 * car.yaw_rad.sin();
     objects[0] = object("known", "car", 0.9, car);
-    // The van, called a car.
+    // The van is reported as a car.
     objects.push(object("known", "car", 0.99, van));
     folder.write(FOUND, line("000000", objects));
     for (options, expected) in [
@@ -226,7 +226,7 @@ fn two_models_are_compared_on_the_same_draws_of_scans() {
     folder.refuses(&twice, &["expected as many --beside", "(1)", "found 2"]);
 }
 
-/// JSON lines cannot be judged without a calibration; detection files of a folder can.
+/// JSON lines cannot be judged without a calibration; a folder of detection files can.
 #[test]
 fn json_lines_need_a_calibration_and_folders_do_not() {
     let folder = Folder::new();
@@ -262,14 +262,14 @@ fn objects_on_no_label_are_counted_at_each_score() {
         assert_eq!(point["on_unknown"], json!([1.0, 1.0, 1.0]));
         assert_eq!(point["recall"][0], 100.0);
     }
-    // Of two drives one has none.
+    // One of the two drives has none.
     assert_eq!(published["on_no_label"], json!([0.5, 0.0, 1.0]));
     assert_eq!(report["known"].as_array().map(Vec::len), Some(1));
     assert_eq!(report["by_range"]["van"]["15-30 m"]["recall"], 100.0);
     let table = folder.run(&judging("operating", "a b", "--unknown van,truck"));
     let words = ["4 scans", "at most 0.3", "0.50 [0.00, 1.00]", "truck"];
     assert_has(&text(&table.stdout), &words);
-    // What lies on a truck is no false van.
+    // An object on a truck is no false van.
     folder.scene("c", NO_CAMERA, 1);
     let truck = "Truck 0 0 0 0 0 100 100 3 2.5 8 9 1.7 20 0\n";
     folder.write("c/label_2/000000.txt", format!("{LABELS}{truck}"));
@@ -285,7 +285,7 @@ fn rings_on_objects_are_counted_in_the_scans() {
     let folder = Folder::new();
     folder.scene("a", NO_CAMERA, 1);
     folder.refuses(&ap("a", "--scans b"), &["b/000000.bin"]);
-    // Two beams over the car, one through the pedestrian.
+    // Two beams hit the car, one hits the pedestrian.
     let [car, person, _]: [Box3; 3] = folder.boxes("a").try_into().expect("three");
     let point = |b: &Box3, up_m: f64| {
         let [x, y, z] = b.center_m;
@@ -315,7 +315,7 @@ fn a_model_is_judged_and_faults_are_named() {
     assert!(points > 2, "{points}");
     assert_eq!(report["separation"].as_array().map(Vec::len), Some(6));
     assert!(report["by_rings"]["car"]["9 on"]["labels"].is_number());
-    // The network in two jobs.
+    // The network runs in two jobs.
     for shard in ["0/2", "1/2"] {
         let part = format!("--shard {shard} --write-part part{}", &shard[..1]);
         folder.run(&model(&part));

@@ -1,5 +1,5 @@
-//! `mluc-lab import` and `export`: checkpoints of every layout give the same weights, exports come back bit by bit, and
-//! files that are damaged or of PyTorch are refused with what was expected.
+//! `mluc-lab import` and `export`: checkpoints of every layout give the same weights, exports return bit by bit, and
+//! damaged files and PyTorch files are refused with a message that names the expected content.
 
 use crate::Folder;
 use mluc_lab::exchange::{self, SparseLayout, anchor, export, import, tensor_names};
@@ -7,10 +7,10 @@ use mluc_model::{Grid, Manifest, Model, Network, Tensor, WeightSet, formula_weig
 use std::collections::BTreeMap;
 
 type Fallible<T = ()> = anyhow::Result<T>;
-/// Tensors by OpenPCDet's names.
+/// Tensors by their names in OpenPCDet.
 type Entries = BTreeMap<String, Tensor>;
 
-/// As OpenPCDet configures it for KITTI.
+/// The model as OpenPCDet configures it for KITTI.
 pub(crate) fn on_kitti() -> Manifest {
     let classes = ["car", "pedestrian", "cyclist"].map(|class| anchor(class).expect("known"));
     exchange::second("kitti", classes.into())
@@ -20,7 +20,7 @@ fn second() -> Network {
     on_kitti().network
 }
 
-/// Weights by formula that see nothing in an empty scene.
+/// Weights by formula that give no detection in an empty scene.
 fn weights(network: &Network) -> WeightSet {
     let mut weights = formula_weights(network);
     if let Some(bias) = weights.find_mut("head.class.bias") {
@@ -29,7 +29,7 @@ fn weights(network: &Network) -> WeightSet {
     weights
 }
 
-/// The state_dict of a network, sparse weights in `layout`.
+/// The state_dict of a network, with sparse weights in `layout`.
 fn entries(network: &Network, weights: &WeightSet, layout: SparseLayout) -> Fallible<Entries> {
     let entry = |(ours, theirs, shape): (String, String, Vec<usize>)| {
         let data = weights.get(&ours, &shape)?.to_vec();
@@ -42,7 +42,7 @@ fn entries(network: &Network, weights: &WeightSet, layout: SparseLayout) -> Fall
     tensor_names(network).into_iter().map(entry).collect()
 }
 
-/// The inverse of what the importer does, written the other way round: by walking the layout's own order.
+/// The inverse of the importer's conversion, implemented in another way: it walks the layout's own order.
 fn from_ours(data: &[f32], ours: [usize; 5], layout: SparseLayout) -> Tensor {
     let [out, z, y, x, cin] = ours;
     let taps = z * y * x;
@@ -89,12 +89,12 @@ fn an_export_comes_back_bit_by_bit() -> Fallible {
         let bytes = model_bytes(&Manifest::untrained("a name", network), &weights)?;
         comes_back(&bytes)?;
     }
-    // A file may have been written by an older version.
+    // The file may be from an older version.
     let older = include_bytes!("../../../../weights/paper/kitti.safetensors");
     comes_back(older)
 }
 
-/// The same model gives the same bytes.
+/// Checks that the same model gives the same bytes.
 fn comes_back(bytes: &[u8]) -> Fallible {
     let model = Model::from_bytes(bytes)?;
     let imported = import(&export(&model)?, on_kitti())?;
@@ -129,7 +129,7 @@ fn what_is_missing_or_too_much_or_of_another_shape_is_named() -> Fallible {
         (direction, None, missing),
         ("point_head.weight", Some(zeros(1)), "`point_head.weight`"),
         (class, Some(zeros(6)), "expected shape [18], found [6]"),
-        // As spconv 1 has it: no layout fits all layers.
+        // In spconv 1's order: no layout fits all layers.
         (first, Some(turned), no_order),
         (first, Some(broken), "element 5"),
     ];

@@ -1,7 +1,7 @@
-//! A checkpoint that PyTorch wrote, imported: our network must answer what PyTorch and spconv answered with it.
+//! Imports a checkpoint that PyTorch wrote: our network must give the answers of PyTorch and spconv.
 //!
 //! `bench/peers/network/checkpoint.py FOLDER` writes the checkpoint, converts it with
-//! `tools/checkpoint_to_safetensors.py`, and writes the answers; MLUC_PEERS_CHECKPOINT names the folder. Not set: skipped; set and not there: an error.
+//! `tools/checkpoint_to_safetensors.py`, and writes the answers; MLUC_PEERS_CHECKPOINT names the folder. Not set: skipped; a missing folder: an error.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use mluc_head::Head;
 use mluc_lab::exchange::{Imported, import};
 use mluc_tests::{feature_map, skip};
 
-/// Of the values' spread about their mean.
+/// Tolerance as a share of the values' spread about their mean.
 const TOLERANCE: f64 = 1e-3;
 
 fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
@@ -52,7 +52,7 @@ fn an_imported_checkpoint_answers_as_pytorch_does() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Every head on every cell of the map.
+/// The output of every head on every cell of the map.
 fn answers(imported: &Imported, points: &[[f32; 4]]) -> anyhow::Result<Vec<Vec<f32>>> {
     let mut backbone = Backbone::new(&imported.manifest, &imported.weights)?;
     let head = Head::new(&imported.manifest, &imported.weights)?;

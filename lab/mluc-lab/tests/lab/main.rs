@@ -1,4 +1,4 @@
-//! `mluc-lab` as a person runs it, in a folder of its own: files, JSON or a table come out, or a clear error.
+//! `mluc-lab` as a person runs it, in its own folder: the result is files, JSON or a table, or a clear error.
 
 mod adapt;
 mod evaluate;
@@ -31,7 +31,7 @@ impl Folder {
         write_file(&self.path(name), content);
     }
 
-    /// Changes a file for as long as `what` takes.
+    /// Changes a file while `what` runs.
     fn with(&self, name: &str, change: impl Fn(&[u8]) -> Vec<u8>, what: impl Fn()) {
         let before = self.read(name);
         self.write(name, change(&before));
@@ -47,7 +47,7 @@ impl Folder {
         command
     }
 
-    /// It must succeed.
+    /// Runs a command that must succeed.
     #[track_caller]
     fn run(&self, words: &str) -> Output {
         let output = self.command(words).output().expect("started");
@@ -55,13 +55,13 @@ impl Folder {
         output
     }
 
-    /// It must print JSON.
+    /// Runs a command that must print JSON.
     #[track_caller]
     fn json(&self, words: &str) -> Value {
         serde_json::from_slice(&self.run(words).stdout).expect("JSON on stdout")
     }
 
-    /// It must fail without an answer, and its last message have all these words.
+    /// Runs a command that must fail without an answer; its last message must have all these words.
     #[track_caller]
     fn refuses(&self, words: &str, said: &[&str]) {
         let output = self.command(words).output().expect("started");

@@ -1,4 +1,4 @@
-//! `mluc-lab reproduce` on a plan of a minute: everything is simulated, trained, judged and reported; a second run only looks.
+//! `mluc-lab reproduce` on a plan of a minute: everything is simulated, trained, judged and reported; a second run only checks.
 
 use crate::{Folder, text};
 use mluc_tests::{assert_has, untrained_udi};
@@ -38,7 +38,7 @@ fn everything_is_made_once_and_what_is_lost_is_made_again_to_the_same_bits() {
     assert!(text(&folder.read("report/figure5.svg")).starts_with("<svg"));
     assert!(folder.read("report/figure6.png").starts_with(b"\x89PNG"));
 
-    // One evaluation and a network are lost: both are made again, the rest is left alone.
+    // One evaluation and a network are lost: both are made again, everything else is left unchanged.
     let lost = folder.path("runs/sim-kitti");
     std::fs::remove_file(lost.join("evaluations/ml-only.json")).expect("it was there");
     std::fs::remove_dir_all(lost.join("mluc-full")).expect("it was there");
@@ -53,7 +53,7 @@ fn everything_is_made_once_and_what_is_lost_is_made_again_to_the_same_bits() {
 fn faults_are_told_with_what_was_expected_and_found() {
     let folder = Folder::new();
     let refuses = |words| folder.refuses(&format!("{REPRODUCE} --no-train"), &[words]);
-    // Somebody's folder where a split should be.
+    // A user's folder in the place of a split.
     let test = "data/sim-kitti/test";
     folder.write(&format!("{test}/notes.txt"), "mine");
     refuses("data/sim-kitti/test: expected a data set of at least 6 frames, found 0");
@@ -62,15 +62,15 @@ fn faults_are_told_with_what_was_expected_and_found() {
 
     refuses("runs: expected a trained network of at least one kind");
 
-    // A model of the other setting.
+    // A model of the other setting is refused.
     folder.write("runs/sim-kitti/metric/model.safetensors", untrained_udi());
     refuses("expected a model of setting kitti, found udi");
 
-    // Recorded scans are looked at first.
+    // Recorded scans are checked first.
     let real = "reproduce --quick --real nowhere --data made --runs runs --out out";
     folder.refuses(real, &["nowhere"]);
     folder.refuses(&format!("{real} --setting udi"), &["--setting kitti"]);
-    // So are the lists of both splits.
+    // The lists of both splits are also checked first.
     for file in ["velodyne/0.bin", "label_2/0.txt", "calib/0.txt"] {
         folder.write(&format!("kitti/training/{file}"), [0u8; 16]);
     }

@@ -1,4 +1,4 @@
-//! `mluc-lab train`: what is wrong is named, what is done is kept.
+//! `mluc-lab train`: errors are named, finished work is kept.
 
 use crate::{Folder, text};
 use mluc_model::{Model, model_bytes};
@@ -14,7 +14,7 @@ fn place() -> Folder {
     place
 }
 
-/// The words that train on these scans, into `run`.
+/// The words of a command that trains on these scans, into `run`.
 fn train(run: &str, more: &str) -> String {
     format!("train --setting kitti --batch 1 --validate-frames 0 --data data --out {run} {more}")
 }
@@ -24,7 +24,7 @@ impl Folder {
         self.command(&train(run, more))
     }
 
-    /// Trains to the end; gives what was said.
+    /// Trains to the end; returns the program's messages.
     #[track_caller]
     fn trained(&self, run: &str, more: &str) -> String {
         text(&self.run(&train(run, more)).stderr)
@@ -101,14 +101,14 @@ fn a_killed_run_goes_on_to_the_bits_of_an_uninterrupted_one() {
     }
     child.kill().expect("killed");
     child.wait().expect("ended");
-    // The log may be cut in a line.
+    // The log may end in the middle of a line.
     place.write("cut/train.jsonl", "{\"step\":1,\"ste");
     place.trained("cut", steps);
     assert_eq!(place.model("cut"), place.model("whole"));
     let state = || run_state(&place.path("cut")).expect("a run");
     assert_eq!(state(), RunState::Done);
 
-    // More steps than were done: not at its end, whatever the log says.
+    // The log names more steps than were done: the run is not at its end.
     place.write("cut/train.jsonl", "{\"step\":9,\"steps\":9}\n");
     assert_eq!(state(), RunState::Unfinished { step: 8, steps: 9 });
 }
@@ -121,7 +121,7 @@ fn a_run_writes_over_nothing_that_is_not_its_own() {
 
     let other_run = ["checkpoint.safetensors: expected a run with"];
     place.refuses_to_train("run", "--steps 1 --seed 2", &other_run);
-    // Other labels under the same name are other data.
+    // Other labels under the same name make other data.
     let less = |bytes: &[u8]| {
         let mut lines = bytes.splitn(2, |byte| *byte == b'\n');
         lines.nth(1).expect("a second line").to_vec()
@@ -162,7 +162,7 @@ fn osis_is_trained_once_and_over_nothing() {
     let place = place();
     place.trained("softmax", "--network softmax --steps 1");
     let osis = "--network osis --init softmax --steps 2";
-    // What another run wrote into a log of this name is kept.
+    // The log of another run with this name is kept.
     place.write("osis/train.jsonl", "old\n");
     place.trained("osis", osis);
     assert_eq!(place.read("osis/train.old.jsonl"), b"old\n");
@@ -183,7 +183,7 @@ fn a_full_terminal_stops_nothing() {
     let status = command.stderr(full()).stdout(Stdio::null()).status();
     assert!(status.expect("started").success());
     assert!(!place.model("run").is_empty());
-    // The answer itself has to arrive; that it did not is no panic.
+    // The answer itself must arrive. If it does not, the program ends with an error and without a panic.
     let mut command = place.trainer("other", ONE);
     let output = command.stdout(full()).output().expect("started");
     let text = text(&output.stderr);

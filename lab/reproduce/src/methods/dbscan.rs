@@ -1,18 +1,18 @@
-//! DBSCAN (Ester et al., 1996) on points in space and, where they have one, by their embedding, on a grid of cells as long as its reach in space.
+//! DBSCAN (Ester et al., 1996) on 3D points and, where they have one, on their embedding, with a grid whose cell length is the reach in space.
 
 use std::collections::BTreeMap;
 
 /// Points of a cluster, by index, ascending.
 pub(super) type Group = Vec<usize>;
 
-/// The reach of a point, m (the coordinates divided by 0.7 with a reach of 1).
+/// Reach of a point, m (equals coordinates divided by 0.7 with a reach of 1).
 const REACH_M: f32 = 0.7;
-/// The reach of an embedding.
+/// Reach of an embedding.
 const REACH_EMBEDDING: f32 = 0.5;
 
-/// Clusters in the order of their first points. A point with at least `core_min` points within its reach, itself among them, is
-/// a core; cores within each other's reach, and what lies within the reach of a core, are one cluster.
-/// `embeddings`: one a point, all of one length, which may be 0.
+/// Clusters in the order of their first points. A point with at least `core_min` points within its reach, including itself, is
+/// a core; cores within each other's reach, and points within the reach of a core, are one cluster.
+/// `embeddings`: one per point, all of the same length, which may be 0.
 pub(super) fn cluster(points_m: &[[f32; 3]], embeddings: &[&[f32]], core_min: usize) -> Vec<Group> {
     let cell = |p: &[f32; 3]| p.map(|v| (v / REACH_M).floor() as i32);
     let mut cells: BTreeMap<[i32; 3], Vec<usize>> = BTreeMap::new();
@@ -82,7 +82,7 @@ mod tests {
         assert_eq!(groups, [(0..8).collect::<Vec<_>>(), (8..14).collect()]);
         assert!(cluster(&points, &plain, 9).is_empty());
         assert!(cluster(&[], &[], 1).is_empty());
-        // Two halves of the first line that are told apart by their embedding.
+        // Two halves of the first line that differ in their embedding.
         let embedding: fn(usize) -> &'static [f32] = |i| if i < 4 { &[0.0] } else { &[2.0] };
         let apart: Vec<&[f32]> = (0..points.len()).map(embedding).collect();
         let halves = [(0..4).collect::<Vec<_>>(), (4..8).collect()];

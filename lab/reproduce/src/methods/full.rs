@@ -1,8 +1,8 @@
-//! Our whole method: boxes of the classes that the logit of the unknown doubts, and boxes without a class; each refined by the
-//! range-scaled clustering, ranked by objectness x P(unknown)^3 x the score of its cluster, sizes of no road user last.
+//! Our whole method: boxes of known classes with a high unknown logit, and boxes without a class. Each is refined by the range-scaled
+//! clustering and ranked by objectness x P(unknown)^3 x the score of its cluster; sizes that no road user has come last.
 //!
-//! The product's own gate and refiner do it: with every part this is what `mluc up` runs, but each box is read once. A known object is removed only
-//! where the gate fires and P(unknown) is one half or more.
+//! It uses the product's own gate and refiner: with every part the method equals `mluc up`, except that each box is read once. A known object is removed
+//! only where the gate fires and P(unknown) is one half or more.
 
 use super::MethodInput;
 use crate::Result;
@@ -11,7 +11,7 @@ use mluc_ipc_types::Detection;
 use mluc_model::{CLUSTER_SCORER, HeadKind, Model};
 use mluc_refiner::{Settings, Study, Variant};
 
-/// The ablation: every step adds one part to the one before. The last is what `model` is run with.
+/// The ablation: every step adds one part to the step before. The last step is the method that `model` runs.
 pub fn full_steps(model: &Model) -> Vec<&'static str> {
     let mut steps = vec![
         "delta, boxes as they are",
@@ -33,7 +33,7 @@ fn scores_clusters(model: &Model) -> bool {
 pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
     let [logit, generic, refine, ranks_sizes, cluster_score] =
         [1, 2, 3, 4, 5].map(|step| input.full_step >= step);
-    // Without P(unknown) of its own a network is treated as an open one whose P(unknown) is made of the distance.
+    // A network without its own P(unknown) is treated as an open one, with P(unknown) computed from the distance.
     let mut model = input.model.clone();
     let has_logit = model.manifest.network.head == HeadKind::Open && logit;
     model.manifest.network.head = HeadKind::Open;
@@ -48,7 +48,7 @@ pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
             boxes.for_each(|d| d.unknown_probability = p(d.delta));
         }
         if !refine {
-            // The refiner ranks boxes as they are by 1 / EDS: all steps by the same score.
+            // Without clustering the refiner ranks boxes by 1 / EDS: set it so that all steps rank by the same score.
             let score = |d: &Detection| d.objectness * d.unknown_probability.powi(3);
             let boxes = frame.detections.iter_mut();
             boxes.for_each(|d| d.eds = 1.0 / score(d).max(1e-6));
@@ -68,7 +68,7 @@ pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
     input.refined(&model, ModelGate::Known, &frames, &settings)
 }
 
-/// Distances to the nearest prototype around which a box is as likely known as not, and the width of that step: between the
-/// prototype's 0 and the midpoint's 0.5.
+/// Distance to the nearest prototype at which a box is equally likely known and unknown, and the width of the sigmoid: between the
+/// distance 0 at the prototype and 0.5 at the midpoint.
 const DELTA_HALF: f32 = 0.25;
 const DELTA_WIDTH: f32 = 0.08;

@@ -1,11 +1,11 @@
-//! Boxes of the network as they are, gated by one score: naive, metric learning alone.
+//! Unchanged boxes of the network, gated by one score: naive, and metric learning only.
 
 use super::MethodInput;
 use mluc_evaluate::SensorDetection;
 use mluc_evaluate::pipeline::{DetectedFrame, GatedObjects, ModelGate, THRESHOLDS, box_of};
 use mluc_head::Detection;
 
-/// Boxes below the threshold of a gate are unknown, as they are. Suppression among them changes next to nothing: the head's own went over all boxes alike before they voted.
+/// Boxes below the threshold of a gate are unknown, with their box unchanged. A further suppression changes almost nothing: the head's own covers all boxes.
 pub(super) fn as_they_are(input: &MethodInput, gate: ModelGate) -> GatedObjects {
     let thresholds = input.thresholds(gate, input.frames, THRESHOLDS);
     let classes = input.model.manifest.class_names();

@@ -1,7 +1,7 @@
-//! The rows of the paper's tables (section 4.4), and ours: what each makes of the boxes that its network kept.
+//! The rows of the paper's tables (section 4.4), and ours: how each method uses the boxes that its network kept.
 //!
-//! [`run_method`] gives the objects of every frame at every threshold of a method; figures are made of them elsewhere. A threshold is always one below which a
-//! box is held for unknown; the first of a sweep is 0, where nothing is: the closed set of that network.
+//! [`run_method`] gives the objects of every frame at every threshold of a method; figures are computed elsewhere. A box is always unknown below the
+//! threshold. The first threshold of a sweep is 0, at which no box is unknown: the closed set of that network.
 
 mod dbscan;
 mod full;
@@ -20,25 +20,25 @@ use mluc_evaluate::pipeline::{
 use mluc_model::Model;
 use mluc_refiner::{Settings, Variant};
 
-/// What a method works on.
+/// Input of a method.
 #[derive(Clone, Copy)]
 pub struct MethodInput<'a> {
     /// The network.
     pub model: &'a Model,
     /// The scans.
     pub set: &'a FrameSet,
-    /// [`mluc_evaluate::pipeline::detect_frames`] of the same model and scans.
+    /// Result of [`mluc_evaluate::pipeline::detect_frames`] for the same model and scans.
     pub frames: &'a [DetectedFrame],
-    /// Exactly these thresholds (the first should be 0); `None`: 0 and a grid of quantiles.
+    /// Use exactly these thresholds (the first should be 0); `None`: 0 and a grid of quantiles.
     pub asked: Option<&'a [f64]>,
-    /// Of [`Method::MlucFull`] alone: the last of [`full_steps`] that is taken.
+    /// Only for [`Method::MlucFull`]: the last step of [`full_steps`] that is included.
     pub full_step: usize,
     /// Called after each frame.
     pub step: &'a (dyn Fn() + Sync),
 }
 
 impl<'a> MethodInput<'a> {
-    /// With the method's own thresholds and every part of it.
+    /// Input with the method's own thresholds and all of its parts.
     pub fn new(model: &'a Model, set: &'a FrameSet, frames: &'a [DetectedFrame]) -> Self {
         MethodInput {
             model,
@@ -50,13 +50,13 @@ impl<'a> MethodInput<'a> {
         }
     }
 
-    /// 0, then at most `count` quantiles of what the gate looks at; or what was asked for.
+    /// 0, then at most `count` quantiles of the gate's values; or the requested thresholds.
     fn thresholds(&self, gate: ModelGate, frames: &[DetectedFrame], count: usize) -> Vec<f64> {
         let own = || gate.thresholds(frames, count);
         self.asked.map_or_else(own, <[f64]>::to_vec)
     }
 
-    /// What a refiner publishes at every threshold of the gate.
+    /// The refiner's published objects at every threshold of the gate.
     fn refined(
         &self,
         model: &Model,
@@ -70,13 +70,13 @@ impl<'a> MethodInput<'a> {
     }
 }
 
-/// Runs a method: its objects at every threshold. The result does not depend on the number of threads.
+/// Runs a method and returns its objects at every threshold. The result does not depend on the number of threads.
 pub fn run_method(method: Method, input: &MethodInput) -> Result<GatedObjects> {
     method.check(input.model)?;
     let refined =
         |gate, variant| input.refined(input.model, gate, input.frames, &Settings::of(variant));
     match method {
-        // A class that counts as unknown is told by its name.
+        // A class that counts as unknown is recognized by its name.
         Method::ClosedSet | Method::Supervised => {
             Ok(GatedObjects::ungated(input.model, input.frames))
         }

@@ -1,9 +1,9 @@
-//! The modified OSIS: points of no known box and not of the ground, clustered (Wong et al., CoRL 2019, as the paper uses it in section 4.4).
+//! The modified OSIS: clusters of points outside known boxes and above the ground (Wong et al., CoRL 2019, as the paper uses it in section 4.4).
 //!
-//! A point is unknown only if every box that holds it is below the threshold; points in no box qualify too, hence trees and walls.
-//! `osis-geo` tells points apart by place alone; `osis` by a learned embedding too, which also takes out what it holds for background.
+//! A point is unknown only if every box around it is below the threshold; points in no box qualify too, so trees and walls do.
+//! `osis-geo` clusters points only by position; `osis` also by a learned embedding, which also removes points that it takes for background.
 
-use std::f64::consts::FRAC_PI_2;
+use std::{collections::BTreeMap, f64::consts::FRAC_PI_2};
 
 use super::MethodInput;
 use super::dbscan::{Group, cluster};
@@ -17,17 +17,16 @@ use mluc_head::Detection;
 use mluc_ipc_types::Point;
 use mluc_refiner::fit::{ClusterPoints, minimum_area};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
-/// Thresholds beside the closed set: every one is a clustering of every frame.
+/// Number of thresholds besides the closed set: each one needs a clustering of every frame.
 const THRESHOLDS: usize = 20;
-/// Points are thinned to one a cube of this edge, m: neighbours lie much further.
+/// Points are thinned to one per cube of this edge, m: the clustering's reach is much larger.
 const THIN_M: f32 = 0.2;
-/// Points lower above the ground are the ground's, m.
+/// Points with less height than this above the ground belong to the ground, m.
 const CLEARANCE_M: f32 = 0.2;
-/// Clusters with fewer thinned points are none.
+/// Minimum number of thinned points in a cluster.
 const POINTS_MIN: usize = 5;
-/// Longer ones would match no label; left out to save their boxes' time, m.
+/// Longer clusters would match no label; they are left out to save the time for their boxes, m.
 const LENGTH_MAX_M: f64 = 20.0;
 
 pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
@@ -64,7 +63,7 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
     })
 }
 
-/// One point a cube of those that stand on the ground, in the order of their cubes.
+/// One point per cube of the points above the ground, in the order of their cubes.
 fn standing(ground: &mut GroundGrid, points: &[Point], detections: &[Detection]) -> Vec<Standing> {
     let ground_m = ground.find(bytemuck::cast_slice(points));
     let mut cubes: BTreeMap<[i32; 3], [f32; 3]> = BTreeMap::new();
@@ -98,7 +97,7 @@ fn unknown(
     embedder: Option<&Embedder>,
 ) -> Vec<SensorDetection> {
     let left: Vec<&Standing> = standing.iter().filter(|s| s.known < threshold).collect();
-    // By place alone a point is as unknown as its boxes leave it.
+    // By position alone the score of a point is one minus the probability of the best box around it.
     let by_place = || left.iter().map(|s| Some(1.0 - s.known)).collect();
     let scores: Vec<Option<f32>> =
         embedder.map_or_else(by_place, |e| e.unknown(standing, &left, threshold));
@@ -112,7 +111,7 @@ fn unknown(
     objects.collect()
 }
 
-/// A tight box around a cluster; its score is the mean of its points'.
+/// A tight box around a cluster; its score is the mean score of its points.
 fn object(left: &[&Standing], scores: &[f32], group: &Group) -> Option<SensorDetection> {
     let origin = left[*group.first()?].at_m;
     let mut points = ClusterPoints::default();
@@ -128,7 +127,7 @@ fn object(left: &[&Standing], scores: &[f32], group: &Group) -> Option<SensorDet
     let rectangle = minimum_area(&points);
     let ([cx, cy], [l, w]) = (rectangle.center_m(), rectangle.size_m());
     let [low, high] = points.z_range_m()?;
-    // The longer side is the heading.
+    // The heading is along the longer side.
     let turn_rad = if l >= w { 0.0 } else { FRAC_PI_2 };
     let (l, w, yaw) = (l.max(w), l.min(w), rectangle.yaw_rad + turn_rad);
     let unsure: f32 = group.iter().map(|i| scores[*i]).sum();

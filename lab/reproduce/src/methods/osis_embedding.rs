@@ -1,4 +1,4 @@
-//! The learned part of OSIS: embeddings of points, and whether they belong to a known object, to the background, or to nothing known.
+//! The learned part of OSIS: embeddings of points, and whether they belong to a known object, to the background, or to the unknown.
 
 use crate::Result;
 use mluc_backbone::Backbone;
@@ -9,15 +9,15 @@ use mluc_train::embedding::{FrameFeatures, PointEmbedding, WIDTH, means};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
-/// A point is background where that is this much more likely than anything else.
+/// A point is background where that is more likely than anything else by this factor.
 const MARGIN: f32 = 1.0;
 
-/// A point that stands for its cube.
+/// A point that represents its cube.
 pub(super) struct Standing {
     pub(super) at_m: [f32; 3],
-    /// The largest class probability of a box around it; 0 in none.
+    /// The largest class probability of a box around it; 0 outside all boxes.
     pub(super) known: f32,
-    /// That box.
+    /// Index of that box.
     pub(super) inside: Option<usize>,
     /// Empty without a learned embedding.
     pub(super) embedding: Vec<f32>,
@@ -46,7 +46,7 @@ impl Embedder<'_> {
         })
     }
 
-    /// Gives every point its embedding; points outside of the map leave.
+    /// Sets the embedding of every point; removes points outside the map.
     pub(super) fn embed(&self, points: &[Point], standing: &mut Vec<Standing>) -> Result<()> {
         let (cells, rows) = {
             let mut backbone = self.backbone.lock().unwrap_or_else(PoisonError::into_inner);
@@ -63,7 +63,7 @@ impl Embedder<'_> {
         Ok(())
     }
 
-    /// How unknown each of the points `left` is beside the prototypes of the known boxes; `None` for background.
+    /// P(unknown) of each of the points `left`, given the prototypes of the known boxes; `None` for background.
     pub(super) fn unknown(
         &self,
         all: &[Standing],

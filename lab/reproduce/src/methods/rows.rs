@@ -11,25 +11,25 @@ use std::sync::LazyLock;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// SECOND: nothing is unknown.
+    /// SECOND: no object is unknown.
     ClosedSet,
-    /// SECOND that learned the unknown classes too: the upper bound.
+    /// SECOND, also trained on the unknown classes: the upper bound.
     Supervised,
-    /// Unknown where the largest class probability is low; the box as it is.
+    /// Unknown where the largest class probability is low; the box is unchanged.
     Naive,
     /// Points in no known box, clustered by a learned embedding (Wong et al., CoRL 2019, as the paper modified it).
     Osis,
-    /// The same by place alone.
+    /// The same, clustered only by position.
     OsisGeo,
-    /// The paper's gate, the box as it is.
+    /// The paper's gate; the box is unchanged.
     MlOnly,
-    /// The naive gate, the paper's clustering.
+    /// The naive gate with the paper's clustering.
     UcOnly,
-    /// MLUC as the paper prints it.
+    /// MLUC as printed in the paper.
     Paper,
     /// MLUC with the clustering's sign and ground corrected.
     PaperCorrected,
-    /// The same on a network that learned from synthetic unknown objects and background too: what training alone brings.
+    /// The same on a network that also learned from synthetic unknown objects and background: the effect of training alone.
     MlucOpen,
     /// Our whole method.
     MlucFull,
@@ -38,7 +38,7 @@ pub enum Method {
 /// A method's row in the tables.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct MethodRow {
-    /// What is run.
+    /// The method.
     pub method: Method,
     /// Key in `report.json`.
     pub key: String,
@@ -46,10 +46,10 @@ pub struct MethodRow {
     pub network: NetworkKind,
     /// Name for people.
     pub title: String,
-    /// Whether it is judged on further seeds too, where those are asked for.
+    /// Whether it is also evaluated on further seeds, where these are requested.
     #[serde(default)]
     pub seeded: bool,
-    /// Metric learning and unsupervised clustering, as table 1 has them; `None` in table 2 alone.
+    /// Metric learning and unsupervised clustering, as in table 1; `None` for a row only in table 2.
     #[serde(default)]
     pub ablation: Option<[bool; 2]>,
     /// The paper's mAP of the known, AP of the unknown and their harmonic mean, on its industrial park and on KITTI, where it has them.
@@ -64,7 +64,7 @@ pub static METHODS: LazyLock<Vec<MethodRow>> =
     LazyLock::new(|| serde_json::from_str(include_str!("methods.json")).expect("the table"));
 
 impl MethodRow {
-    /// The rows on a kind of network of some seed.
+    /// The rows on a network of this kind and seed.
     pub(crate) fn on(network: NetworkKind, seed: u64) -> impl Iterator<Item = &'static MethodRow> {
         let is_on = move |row: &&MethodRow| row.network == network && (seed == 1 || row.seeded);
         METHODS.iter().filter(is_on)
@@ -72,12 +72,12 @@ impl MethodRow {
 }
 
 impl Method {
-    /// Its row.
+    /// Its row in the tables.
     pub fn row(self) -> &'static MethodRow {
         &METHODS[self as usize]
     }
 
-    /// Refuses a model that it cannot run on. Our method runs on the paper's network too, which shows what training brings.
+    /// Rejects a model that the method cannot run on. Our method also runs on the paper's network, which shows the effect of training.
     pub fn check(self, model: &Model) -> Result<()> {
         let row = self.row();
         let (expected, found) = (row.network.head(), model.manifest.network.head);
@@ -105,7 +105,7 @@ mod tests {
             assert_eq!(value.expect("a method's name"), row.method);
             for [known, unknown, harm] in row.paper.into_iter().flatten() {
                 let mean = harmonic_mean(known, unknown);
-                // The paper's inputs are rounded to 0.05.
+                // The paper's figures are rounded to 0.05.
                 assert!((mean - harm).abs() < 0.11, "{}: {mean}, {harm}", row.key);
             }
         }

@@ -1,5 +1,5 @@
-//! The paper's figure 5: AP of the unknown and mAP of the known over the recall of the unknown, one curve a method, one column a
-//! setting. Points are those that keep nine tenths of the closed set's mAP; a ring marks the chosen one.
+//! The paper's figure 5: AP of the unknown and mAP of the known over the recall of the unknown, one curve per method, one column
+//! per setting. The points keep nine tenths of the closed set's mAP; a ring marks the chosen point.
 
 use super::data::{ReproductionReport, Rows, present};
 use crate::methods::METHODS;
@@ -15,10 +15,10 @@ const FONT: &str = "sans-serif";
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
-/// A panel: its name, the figure that it shows and that figure of a point.
+/// A panel: its name, its figure, and the function from a point to that figure.
 type Shown = (&'static str, &'static str, fn(&SweepPoint) -> f64);
 
-/// As SVG; an error in words where it cannot be drawn.
+/// The figure as SVG; the error is a message.
 pub(crate) fn svg(report: &ReproductionReport) -> Result<String, String> {
     let columns = report.settings.len().max(1);
     let size_px = (columns as u32 * PANEL_PX.0 + LEGEND_PX, 2 * PANEL_PX.1);
@@ -36,7 +36,7 @@ fn draw(backend: SVGBackend, report: &ReproductionReport, columns: usize) -> Dra
         ("AP of the unknown, %", "ap_unknown", |p| p.ap_unknown),
         ("mAP of the known, %", "map_known", |p| p.map_known),
     ];
-    // The paper's order: the industrial park first.
+    // The order of the paper: industrial park first.
     let settings: Vec<_> = report.settings.iter().rev().collect();
     for (at, area) in panels.split_evenly((2, columns)).iter().enumerate() {
         if let Some((setting, rows)) = settings.get(at % columns) {
@@ -50,7 +50,7 @@ fn draw(backend: SVGBackend, report: &ReproductionReport, columns: usize) -> Dra
 fn draw_panel(area: &Area, setting: &str, rows: &Rows, (name, figure, of): Shown) -> Drawn {
     let curves = rows.values().flat_map(|row| &row.curve).map(of);
     let chosen = rows.values().filter_map(|row| row.mean(figure));
-    // Round ends. Curves that keep nine tenths of the known lie close together, so that axis begins below the lowest.
+    // Round axis ends. Curves that keep nine tenths of the known are close together, so that axis starts below the lowest point.
     let (low, high) = if figure == "map_known" {
         let least = curves.fold(100.0, f64::min) - 4.0;
         ((10.0 * (least / 10.0).floor()).max(0.0), 100.0)
@@ -130,7 +130,7 @@ mod tests {
         let text = svg(&report).expect("a picture");
         let curves: Vec<&str> = text.lines().filter(|l| l.contains("#D52828")).collect();
         let lines: Vec<&&str> = curves.iter().filter(|l| l.contains("<polyline")).collect();
-        // Two panels and the legend, and a ring a panel.
+        // Two panels and the legend, with one ring per panel.
         assert_eq!((lines.len(), curves.len()), (3, 5), "{text}");
         let corners = lines[0].split('"').find(|part| part.contains(','));
         let corner = |text: &str| -> Option<[f64; 2]> {
@@ -142,7 +142,7 @@ mod tests {
         let rises = |a: &[f64; 2], b: &[f64; 2]| a[0] < b[0] && a[1] > b[1];
         assert!(corners.len() == 4 && corners.is_sorted_by(rises), "{text}");
         assert!(text.contains("MLUC full (ours)"));
-        // An empty report is a picture without curves, not a fault.
+        // An empty report gives a picture without curves, not an error.
         svg(&ReproductionReport::default()).expect("a picture");
     }
 }

@@ -1,7 +1,7 @@
-//! The report of a reproduction: tables beside the paper's, figures, pictures, and every number as JSON.
+//! The report of a reproduction: tables with the paper's values, figures, pictures, and every number as JSON.
 //!
 //! [`ReproductionReport`] is plain data (`report.json`); [`page`] writes it as Markdown, [`figure5`] draws the curves, [`figure6`]
-//! the scenes. Nothing here trains, detects or judges.
+//! the scenes. This module does not train, detect or evaluate.
 
 mod data;
 pub(crate) mod figure5;

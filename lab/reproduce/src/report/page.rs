@@ -1,11 +1,11 @@
-//! The report as one Markdown page, with its figures beside it: `page.md` is the template, and says what its tables hold.
+//! The report as one Markdown page, with its figures in the same folder: `page.md` is the template, and explains its tables.
 
 use super::data::{ReproductionReport, Rows, present};
 use serde_json::json;
 
-/// Writes the page. `pictures` are files beside it with what they show, in the order to be shown.
+/// Writes the page. `pictures` are files in its folder with their descriptions, in the order to be shown.
 pub(crate) fn page(report: &ReproductionReport, pictures: &[(String, String)]) -> String {
-    // The paper's order: the industrial park first.
+    // The order of the paper: industrial park first.
     let settings = report.settings.iter().rev();
     let settings = settings.map(|(name, rows)| (name, cells(name, rows), report.details.get(name)));
     let values = json!({
@@ -16,9 +16,9 @@ pub(crate) fn page(report: &ReproductionReport, pictures: &[(String, String)]) -
     mluc_evaluate::render(include_str!("page.md"), values)
 }
 
-/// What is known of each row of a setting.
+/// The values of each row of a setting.
 fn cells(setting: &str, rows: &Rows) -> Vec<serde_json::Value> {
-    // The paper's setting that this one stands for (`sim-udi`; `sim-kitti` and `kitti`).
+    // Index of the corresponding setting in the paper (`sim-udi`; `sim-kitti` and `kitti`).
     let papers = usize::from(setting.ends_with("kitti"));
     let cells = present(rows).map(|(row, figures)| {
         let mut cells = json!(figures);

@@ -1,4 +1,4 @@
-//! Scenes from above: the paper's figure 6 (one scene as labelled and as each method sees it, side by side).
+//! Scenes from above: the paper's figure 6 (one scene with its labels and with the objects of each method, side by side).
 
 use mluc_evaluate::{ObjectKind, SensorDetection};
 use mluc_gateway::picture::{BoxKind, Canvas, Color, DrawnBox, View, bird_eye};
@@ -7,26 +7,26 @@ use mluc_ipc_types::Point;
 const PAPER: Color = [250, 250, 250];
 const INK: Color = [30, 30, 30];
 const GAP_PX: usize = 8;
-/// Of two lines of text over a picture.
+/// Height of two lines of text over a picture.
 const HEAD_PX: usize = 36;
 const LINE_PX: usize = 14;
-/// Side of what a picture shows, m, and its pixels a metre.
+/// Side length of a picture, m, and its pixels per metre.
 const SIDE_M: f32 = 48.0;
 const PX_PER_M: f32 = 9.0;
 
-/// A title, and what was found.
+/// A title, and the objects found.
 pub(crate) type Panel = (String, Vec<SensorDetection>);
 
-/// A scan, its labels, and what was found.
+/// A scan, its labels, and the objects found.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DrawnScene {
-    /// What a reader should know: data set, frame, errors.
+    /// Information for the reader: data set, frame, errors.
     pub(crate) caption: String,
     pub(crate) points: Vec<Point>,
     pub(crate) truth: Vec<SensorDetection>,
-    /// One a method.
+    /// One panel per method.
     pub(crate) panels: Vec<Panel>,
-    /// Where to look: x, y, m.
+    /// Centre of the picture: x, y, m.
     pub(crate) target_m: [f64; 2],
 }
 
@@ -34,7 +34,7 @@ pub(crate) struct DrawnScene {
 type Cell = (String, Canvas);
 
 impl DrawnScene {
-    /// What was found over the labels of unknown objects, which are thin.
+    /// Draws the found objects over the labels of unknown objects, which have thin lines.
     fn found(&self, text: &str, boxes: &[SensorDetection]) -> Cell {
         let mut labels = self.truth.clone();
         labels.retain(|label| label.kind == ObjectKind::Unknown);
@@ -87,7 +87,7 @@ fn page(rows: &[Vec<Cell>]) -> Canvas {
     canvas
 }
 
-/// Draws scenes below each other: labels first, then a column a panel.
+/// Draws scenes one below another: labels first, then one column per panel.
 pub(crate) fn figure6(scenes: &[DrawnScene]) -> Canvas {
     let row = |scene: &DrawnScene| {
         let panels = scene.panels.iter();
@@ -120,7 +120,7 @@ mod tests {
     fn figure_6_shows_the_labels_and_a_column_a_panel() {
         let canvas = figure6(&[scene(), scene()]);
         assert_eq!(canvas.size_px(), [2 * 440 + 8, 2 * 468 + 8]);
-        // Around the target: the labelled unknown object, red; where a method missed it the label, thin in its class's colour.
+        // Around the target: the labelled unknown object, red; where a method missed it, its label with thin lines in the colour of its class.
         let count = |left: usize, is_it: fn(Color) -> bool| {
             let pixels = (220..280).flat_map(|y| (left + 180..left + 250).map(move |x| (x, y)));
             let found = pixels.filter(|(x, y)| canvas.pixel(*x, *y).is_some_and(is_it));

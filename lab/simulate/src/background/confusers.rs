@@ -1,10 +1,10 @@
-//! Things of a car's, a person's or a cyclist's size that are none: what makes false unknowns a real problem.
+//! Background of the size of a car, a person or a cyclist: it makes false unknown objects realistic.
 
 use super::super::mesh::{METAL, Mesh, solid, up, v};
 use super::super::random::Dice;
 use super::{Builder, Thing, Yard, built};
 
-/// Kind, how it is built, and its weight in towns and in industry.
+/// Kind, builder, and weight in towns and in industry.
 const CATALOGUE: [(Thing, Builder, [f32; 2]); 6] = [
     (Thing::Container, container, [0.6, 3.0]),
     (Thing::Dumpster, dumpster, [2.0, 2.0]),
@@ -14,7 +14,7 @@ const CATALOGUE: [(Thing, Builder, [f32; 2]); 6] = [
     (Thing::Covered, covered, [2.0, 2.0]),
 ];
 
-/// One to five per frame in three frames of four, within 15 m of the road.
+/// One to five per frame in three of four frames, within 15 m of the road.
 pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     if !dice.chance(0.78) {
         return;
@@ -78,7 +78,7 @@ pub(super) fn dumpster(mesh: &mut Mesh, dice: &mut Dice) {
     }
 }
 
-/// Stacks of pallets, bare or loaded.
+/// Stacks of pallets, empty or loaded.
 pub(super) fn pallets(mesh: &mut Mesh, dice: &mut Dice) {
     for c in 0..dice.whole(1, 4) {
         let at = v(c as f32 * 1.3, dice.spread(0.1), 0.0);
@@ -124,7 +124,7 @@ pub(super) fn cabinet(mesh: &mut Mesh, dice: &mut Dice) {
     mesh.block(handle, v(0.06, 0.04, 0.3), METAL);
 }
 
-/// Something under a tarpaulin, a heap of gravel or of cut branches: about as large as a car, of no particular shape.
+/// Something under a tarpaulin, a heap of gravel or of cut branches: about as large as a car, of irregular shape.
 pub(super) fn covered(mesh: &mut Mesh, dice: &mut Dice) {
     let size = dice.size([1.4, 4.6], [1.1, 2.2], [0.6, 1.8]);
     let surface = solid(dice.range(0.12, 0.5));

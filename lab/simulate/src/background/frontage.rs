@@ -1,4 +1,4 @@
-//! What stands along both sides of a road: houses, walls, fences, hedges; and houses further back.
+//! Frontages on both sides of a road: houses, walls, fences, hedges; and houses further back.
 
 use super::super::mesh::{GLASS, Mesh, Surface, mirrored, porous, solid, up, v};
 use super::super::{layout::half_turn, random::Dice};
@@ -6,7 +6,7 @@ use super::variety::facade;
 use super::vegetation::{bush, thicket};
 use super::{Family, Place, Thing, Yard, built};
 
-/// Walks along each side in pieces of 7 to 24 m.
+/// Fills each side in pieces of 7 to 24 m.
 pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     let [low, high] = yard.along_m();
     for side in [-1.0f32, 1.0] {
@@ -32,7 +32,7 @@ pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
 
 type PieceBuilder = fn(&mut Mesh, f32, &mut Dice);
 
-/// One piece of a frontage: its middle and length along the road, and how far houses stand back.
+/// One piece of a frontage: its middle and length along the road, and the setback of houses.
 fn piece(yard: &mut Yard, side: f32, along: f32, length: f32, setback: f32, dice: &mut Dice) {
     // Houses, wall, fence, hedge, thicket, open.
     let weights = match yard.ground.place {
@@ -50,7 +50,7 @@ fn piece(yard: &mut Yard, side: f32, along: f32, length: f32, setback: f32, dice
         if yard.layout.options.family == Family::SimAny {
             facade(&mut mesh, length, dice);
         }
-        // The facade (local y = 0) faces the road; a second row stands further back when something is in the way.
+        // The facade (local y = 0) faces the road; a second row is further back where the first place is taken.
         let front = side * (edge + setback);
         if !yard.put(Thing::Building, &mesh, along, front, half_turn(side < 0.0)) {
             let back = side * (edge + setback + dice.range(8.0, 16.0));
@@ -68,13 +68,13 @@ fn piece(yard: &mut Yard, side: f32, along: f32, length: f32, setback: f32, dice
     };
     let mut mesh = built(|mesh, dice| build(mesh, length, dice), dice);
     if yard.layout.options.family == Family::SimAny && choice > 2 {
-        // What grows is taller than a garden's.
+        // Vegetation here is taller than in a garden.
         let taller = dice.range(0.8, 2.5);
         mesh.map(|p| v(p.x, p.y, p.z * taller));
     }
     yard.put(thing, &mesh, along, line, half_turn(side < 0.0));
     for _ in 0..dice.whole(0, 4) {
-        // What grows behind it.
+        // Vegetation behind it.
         let bush = built(bush, dice);
         let along = along + dice.spread(length / 2.0);
         let across = line + side * dice.range(0.9, 3.5);
@@ -93,7 +93,7 @@ fn back_house(yard: &mut Yard, side: f32, along: f32, dice: &mut Dice) {
     yard.put(Thing::Building, &mesh, along, across, yaw);
 }
 
-/// A house whose front is the plane y = 0 and whose depth goes to +y: windows and doors are niches, with plinth, downpipes, stairs, roof.
+/// A house whose front is the plane y = 0 and whose depth extends to +y: windows and doors are niches, with plinth, downpipes, stairs, roof.
 fn house(mesh: &mut Mesh, [length, depth]: [f32; 2], hall: bool, dice: &mut Dice) {
     let plaster = solid(dice.range(0.25, 0.6));
     let floors = if hall { 1 } else { dice.whole(1, 4) };
@@ -136,7 +136,7 @@ fn house(mesh: &mut Mesh, [length, depth]: [f32; 2], hall: bool, dice: &mut Dice
     }
 }
 
-/// A piece of the front; its opening is set back by 10 cm and holds a pane or a blind. `bay`: left end and width; `z`: bottom, floor and top.
+/// A piece of the front; its opening is 10 cm deep and has a pane or a blind. `bay`: left end and width; `z`: bottom, floor and top.
 fn panel(
     mesh: &mut Mesh,
     [left, bay]: [f32; 2],
@@ -178,7 +178,7 @@ fn roof(mesh: &mut Mesh, length: f32, depth: f32, height: f32, dice: &mut Dice) 
     }
 }
 
-/// A garden wall with pillars, now and then a gap.
+/// A garden wall with pillars, sometimes with a gap.
 fn wall(mesh: &mut Mesh, length: f32, dice: &mut Dice) {
     let height = dice.range(0.6, 2.6);
     let stone = solid(dice.range(0.25, 0.5));

@@ -4,7 +4,7 @@ use super::super::mesh::{GLASS, LEAVES, METAL, Mesh, RETRO, RUBBER, solid, up, v
 use super::super::{objects::bicycle, random::Dice};
 use super::{Builder, Thing, Yard, built};
 
-/// Kind, how it is built, and how many stand along 100 m (towns, industry).
+/// Kind, builder, and number per 100 m (towns, industry).
 const CATALOGUE: [(Thing, Builder, [f32; 2]); 10] = [
     (Thing::Pole, pole, [9.0, 7.5]),
     (Thing::Sign, sign, [7.5, 3.8]),
@@ -18,7 +18,7 @@ const CATALOGUE: [(Thing, Builder, [f32; 2]); 10] = [
     (Thing::Sign, barrier, [1.2, 1.8]),
 ];
 
-/// Places the catalogue.
+/// Places the things of the catalogue.
 pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     for (thing, build, rates) in CATALOGUE {
         for _ in 0..dice.events(rates[yard.column()] * yard.hundreds()) {
@@ -35,7 +35,7 @@ pub(super) fn pole(mesh: &mut Mesh, dice: &mut Dice) {
     let (height, radius) = (dice.range(4.0, 8.5), dice.range(0.06, 0.14));
     mesh.tube([up(-0.2), up(height)], [radius, radius * 0.7], 7, METAL);
     if dice.chance(0.6) {
-        // The arm hangs over the road; it does not count as ground that is taken, being narrow.
+        // The arm hangs over the road; it is narrow and takes no ground.
         let tip = v(0.9, 0.0, height + 0.2);
         mesh.strut(up(height - 0.1), tip, 0.04, METAL);
         mesh.block(v(1.0, 0.0, height + 0.18), v(0.5, 0.2, 0.12), METAL);
@@ -119,7 +119,7 @@ fn planter(mesh: &mut Mesh, dice: &mut Dice) {
     mesh.blob(up(size.z + 0.15), plant, (4, 8), 0.3, dice, LEAVES);
 }
 
-/// A road works' barrier: boards on feet.
+/// A barrier of road works: boards on feet.
 fn barrier(mesh: &mut Mesh, dice: &mut Dice) {
     let length = dice.range(1.2, 3.0);
     for z in [0.5, 0.95] {

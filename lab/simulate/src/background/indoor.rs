@@ -8,17 +8,17 @@ use super::furniture::bin;
 use super::{Builder, Place, Thing, Yard, built};
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// Racks of a warehouse, at most: their parts are many.
+/// Maximum number of racks in a warehouse: each has many parts.
 const RACKS_MAX: usize = 70;
 /// Length and depth of a rack, m.
 const RACK_M: [f32; 2] = [2.7, 1.1];
 
-/// The building, and what stands in it.
+/// Places the building, and the things in it.
 pub(super) fn place(yard: &mut Yard, room: &Room, dice: &mut Dice) {
     let is_hall = yard.ground.place == Place::Hall;
     shell(yard, room, is_hall, dice);
     if !is_hall {
-        // Between the ends of two rows, and of three cars.
+        // Spacing: the ends of two rows, and three cars.
         columns(yard, room, [3.0 * BAY_M, AISLE_M], AISLE_M / 2.0, dice);
         let things: [(Thing, Builder); 2] = [(Thing::Cabinet, cabinet), (Thing::Bin, bin)];
         return scatter(yard, room, &things, 3.0, dice);
@@ -57,7 +57,7 @@ fn shell(yard: &mut Yard, room: &Room, is_hall: bool, dice: &mut Dice) {
         let is_open = !is_hall && dice.chance(0.6);
         let mut mesh = Mesh::default();
         wall(&mut mesh, [length, room.height_m], is_open, paint, dice);
-        // Walls are placed whatever is there.
+        // Walls are placed even where something already is.
         let (at, yaw, footprint) = yard.pose(&mesh, along, across, yaw);
         yard.layout.taken.push(footprint);
         yard.show(Thing::Building, &mesh, at, yaw, true);
@@ -77,12 +77,12 @@ fn shell(yard: &mut Yard, room: &Room, is_hall: bool, dice: &mut Dice) {
         let ends = [low + 0.5, high - 0.5].map(|x| v(x, y, room.height_m - below));
         ceiling.rod(ends, dice.range(0.05, 0.12), 6, METAL);
     }
-    // It hangs over the floor and takes no ground.
+    // The ceiling hangs over the floor and takes no ground.
     let (x, y) = yard.ground.sensor(0.0, 0.0);
     yard.show(Thing::Ceiling, &ceiling, [x, y], yard.ground.yaw_rad, true);
 }
 
-/// A wall whose inner face is y = 0, seen from -y: pillars, doors set back, windows high up; or a parapet that is open above.
+/// A wall whose inner face is y = 0, seen from -y: pillars, recessed doors, windows high up; or a parapet that is open above.
 fn wall(
     mesh: &mut Mesh,
     [length, height]: [f32; 2],
@@ -134,7 +134,7 @@ fn columns(
     let [low, high] = room.along_m;
     for i in 0..((high - low) / along_m) as usize {
         for row in 0..=rows as usize {
-            // On the boundary of two bays: bays are centred at half of their width.
+            // At the boundary of two bays: the centre of a bay is half a width from its boundary.
             let along = ((low / along_m).ceil() + i as f32) * along_m;
             let across = first_m + (row as f32 - (rows / 2.0).ceil()) * across_m;
             if room.holds((along, across), 0.6) {
@@ -144,7 +144,7 @@ fn columns(
     }
 }
 
-/// Rows of racks with free lanes.
+/// Rows of racks with free aisles.
 fn racks(yard: &mut Yard, room: &Room, dice: &mut Dice) {
     let lane_m = dice.range(2.6, 4.5);
     let pitch_m = 2.0 * RACK_M[1] + 0.15 + lane_m;
@@ -152,7 +152,7 @@ fn racks(yard: &mut Yard, room: &Room, dice: &mut Dice) {
     let margin = dice.range(2.5, 5.0);
     let [low, high] = [room.along_m[0] + margin, room.along_m[1] - margin];
     let mut left = RACKS_MAX;
-    // The rows nearest to the sensor first.
+    // The rows nearest to the sensor come first.
     let mut rows: Vec<f32> = (-8..=8)
         .flat_map(|row| {
             let middle = yard.ground.lane_m + (row as f32 + 0.5) * pitch_m;
@@ -174,7 +174,7 @@ fn racks(yard: &mut Yard, room: &Room, dice: &mut Dice) {
     }
 }
 
-/// Four uprights, beams, and pallets with loads on most of the places.
+/// Four uprights, beams, and pallets with loads in most of the places.
 fn rack(mesh: &mut Mesh, levels: usize, dice: &mut Dice) {
     let [length, depth] = RACK_M;
     let height = 1.6 * levels as f32;
@@ -219,7 +219,7 @@ pub(super) fn machine(mesh: &mut Mesh, dice: &mut Dice) {
     }
 }
 
-/// So many of these things, anywhere on the floor; a third along the walls.
+/// Places about `mean` of these things anywhere on the floor; a third of them along the walls.
 fn scatter(yard: &mut Yard, room: &Room, things: &[(Thing, Builder)], mean: f32, dice: &mut Dice) {
     for _ in 0..dice.events(mean.min(25.0)) {
         let (thing, build) = things[dice.whole(0, things.len() - 1)];

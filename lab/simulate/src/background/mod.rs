@@ -1,4 +1,4 @@
-//! Everything that is neither ground nor labelled: frontages along the road, street furniture, vegetation, and things of a car's size that are none.
+//! Everything that is neither ground nor labelled: frontages along the road, street furniture, vegetation, and background of a car's size.
 
 mod confusers;
 mod frontage;
@@ -48,7 +48,7 @@ pub(crate) enum Thing {
     Grass,
     Rock,
     Log,
-    /// Of `street.toml`.
+    /// Street furniture of `street.toml`.
     Street,
     Rain,
     Spray,
@@ -61,7 +61,7 @@ impl Thing {
         0x8000 + self as u16
     }
 
-    /// Long and low things bend with the ground in `sim-any`, where it is steeper.
+    /// Whether a thing follows the ground in `sim-any`, where it is steeper: long and low things do.
     fn follows_ground(self) -> bool {
         use Thing::{Fence, Grass, Hedge, Log, Rail, Wall};
         matches!(self, Wall | Fence | Hedge | Rail | Grass | Log)
@@ -71,27 +71,27 @@ impl Thing {
 /// Adds the triangles of one thing, around the origin on the ground.
 type Builder = fn(&mut Mesh, &mut Dice);
 
-/// The thing that a builder makes.
+/// The mesh that a builder makes.
 fn built(build: impl FnOnce(&mut Mesh, &mut Dice), dice: &mut Dice) -> Mesh {
     let mut mesh = Mesh::default();
     build(&mut mesh, dice);
     mesh
 }
 
-/// Fills a scene around its objects. Things that would stand in an object or in each other are left out.
+/// Fills a scene around its objects. Things that would overlap an object or each other are left out.
 pub(crate) fn fill(layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) {
     let (ground, options) = (layout.ground, layout.options);
     let mut yard = Yard::new(layout, scene);
     if let Some(room) = &ground.room {
         indoor::place(&mut yard, room, dice);
         if ground.place == Place::CarPark {
-            // Seen over the parapets.
+            // Visible over the parapets.
             yard.shows = options.has(Step::Frontage);
             frontage::place(&mut yard, dice);
         }
         return;
     }
-    // What is left out keeps its places, so that everything else is as it would be with it.
+    // A step that is left out still takes its places, so that everything else stays unchanged.
     let mut place = |step: Option<Step>, place: fn(&mut Yard, &mut Dice)| {
         yard.shows = step.is_none_or(|step| options.has(step));
         place(&mut yard, dice);
@@ -109,17 +109,17 @@ pub(crate) fn fill(layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) 
     place(Some(Step::Vegetation), vegetation::place);
 }
 
-/// Rain with its spray, or exhaust, in a part of the scenes of `sim-any`.
+/// Rain with its spray, or exhaust, in some scenes of `sim-any`.
 pub(crate) fn weather(layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) {
     weather::place(&mut Yard::new(layout, scene), dice);
 }
 
-/// What the builders place things into.
+/// The place that the builders fill.
 struct Yard<'a, 'b> {
     ground: &'a Ground,
     layout: &'b mut Layout<'a>,
     scene: &'b mut Scene,
-    /// Whether things are seen, or only take their ground.
+    /// Whether things are visible, or only take their ground.
     shows: bool,
 }
 
@@ -133,7 +133,7 @@ impl<'a, 'b> Yard<'a, 'b> {
         }
     }
 
-    /// How far things stand along the road, m.
+    /// Range of things along the road, m.
     fn along_m(&self) -> [f32; 2] {
         match self.layout.options.family {
             Family::SimUdi | Family::SimAny => [-72.0, 72.0],
@@ -147,7 +147,7 @@ impl<'a, 'b> Yard<'a, 'b> {
         (high - low) / 100.0
     }
 
-    /// Places a thing at road coordinates, turned by `yaw` against the road, if there is room; true when placed.
+    /// Places a thing at road coordinates, turned by `yaw` relative to the road, if there is room; true when placed.
     fn put(&mut self, thing: Thing, mesh: &Mesh, along: f32, across: f32, yaw: f32) -> bool {
         let (at, yaw, footprint) = self.pose(mesh, along, across, yaw);
         let mut taken = self.layout.taken.iter();
@@ -166,7 +166,7 @@ impl<'a, 'b> Yard<'a, 'b> {
         ([x, y], yaw, Footprint::of(low, high, [x, y], yaw))
     }
 
-    /// Adds a thing without looking for room: `at` is in the sensor frame.
+    /// Adds a thing without a check for room: `at` is in the sensor frame.
     fn add(&mut self, thing: Thing, mesh: &Mesh, at: [f32; 2], yaw: f32) {
         let is_any = self.layout.options.family == Family::SimAny;
         if self.shows {
@@ -174,7 +174,7 @@ impl<'a, 'b> Yard<'a, 'b> {
         }
     }
 
-    /// Each vertex stands over the ground as high as over the plane z = 0: over that at the thing's origin, or over that below the vertex.
+    /// Each vertex keeps its height over the plane z = 0: over the ground at the thing's origin, or over the ground below the vertex.
     fn show(&mut self, thing: Thing, mesh: &Mesh, at: [f32; 2], yaw: f32, follows_ground: bool) {
         let (ground, (sin, cos)) = (self.ground, yaw.sin_cos());
         let foot = ground.height(at[0], at[1]);
@@ -192,13 +192,13 @@ impl<'a, 'b> Yard<'a, 'b> {
         usize::from(!matches!(place, Place::Urban | Place::Suburb))
     }
 
-    /// A place along the road.
+    /// A random position along the road.
     fn somewhere(&self, dice: &mut Dice) -> f32 {
         let [low, high] = self.along_m();
         dice.range(low, high)
     }
 
-    /// A place across the road behind the pavement, up to `depth_m` deep; on a plaza anywhere.
+    /// A position across the road behind the pavement, up to `depth_m` deep; on a plaza anywhere.
     fn behind(&self, depth_m: f32, dice: &mut Dice) -> f32 {
         if self.ground.place == Place::Plaza && dice.chance(0.6) {
             return dice.spread(self.ground.half_width_m);
@@ -206,7 +206,7 @@ impl<'a, 'b> Yard<'a, 'b> {
         dice.sign() * (self.ground.edge_m + dice.range(0.4, depth_m))
     }
 
-    /// A place on the pavement with this chance, or behind it.
+    /// A position on the pavement with this chance, else behind it.
     fn beside(&self, on_pavement: f32, depth_m: f32, dice: &mut Dice) -> f32 {
         if dice.chance(on_pavement) {
             return dice.sign() * dice.range(self.ground.half_width_m + 0.25, self.ground.edge_m);

@@ -9,7 +9,7 @@ use super::vegetation::{bush, tree};
 use super::{Builder, Thing, Yard, built};
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// Lamp posts, low islands and trees between the rows; roofs for trolleys.
+/// Lamp posts, low islands and trees between the rows; shelters for trolleys.
 pub(super) fn car_park(yard: &mut Yard, dice: &mut Dice) {
     let half = yard.ground.half_width_m;
     let spacing_m = dice.range(12.0, 30.0);
@@ -42,7 +42,7 @@ pub(super) fn car_park(yard: &mut Yard, dice: &mut Dice) {
     }
 }
 
-/// Containers in stacks, pallets, machines, tanks and piles, leaving the middle free.
+/// Containers in stacks, pallets, machines, tanks and piles; the middle stays free.
 pub(super) fn depot(yard: &mut Yard, dice: &mut Dice) {
     let things: [(Thing, Builder); 6] = [
         (Thing::Container, stack),
@@ -68,7 +68,7 @@ pub(super) fn depot(yard: &mut Yard, dice: &mut Dice) {
     }
 }
 
-/// One to three containers on each other.
+/// A stack of one to three containers.
 fn stack(mesh: &mut Mesh, dice: &mut Dice) {
     let one = built(container, dice);
     for level in 0..dice.whole(1, 3) {
@@ -87,7 +87,7 @@ fn pile(mesh: &mut Mesh, dice: &mut Dice) {
     mesh.map(|p| v(p.x, p.y, p.z.max(-0.2)));
 }
 
-/// Trunks, bushes, tall grass, rocks and logs on both sides of a path, thinner with distance; now and then a bench or a sign at it.
+/// Trunks, bushes, tall grass, rocks and logs on both sides of a path, fewer with distance; sometimes a bench or a sign next to it.
 pub(super) fn path(yard: &mut Yard, dice: &mut Dice) {
     let density = dice.range(0.3, 1.0);
     for _ in 0..dice.events(55.0 * density) {
@@ -124,14 +124,14 @@ pub(super) fn path(yard: &mut Yard, dice: &mut Dice) {
     }
 }
 
-/// Along and across, at least this far from the path's edge.
+/// Position along and across, at least this far from the path's edge.
 fn beside_path(yard: &Yard, gap_m: f32, dice: &mut Dice) -> (f32, f32) {
     let away = gap_m + 38.0 * dice.unit().powi(2);
     let along = yard.somewhere(dice);
     (along, dice.sign() * (yard.ground.edge_m + away))
 }
 
-/// A patch of tall grass: blades stop a part of the rays.
+/// A patch of tall grass: blades stop part of the rays.
 fn grass(mesh: &mut Mesh, dice: &mut Dice) {
     let (radius, height) = (dice.range(0.5, 2.2), dice.range(0.2, 0.9));
     let blades = porous(0.35, dice.range(0.45, 0.75));

@@ -1,4 +1,4 @@
-//! What streets of `sim-any` have besides: guard rails, long walls and fences on rising ground, rows of bicycles, posts near people, depth in facades.
+//! Additions to streets of `sim-any`: guard rails, long walls and fences on rising ground, rows of bicycles, posts near people, depth in facades.
 
 use super::super::layout::{Placed, half_turn};
 use super::super::mesh::{METAL, Mesh, porous, solid, up, v};
@@ -6,7 +6,7 @@ use super::super::{Class, objects::street, random::Dice};
 use super::{Thing, Yard, built, furniture::bicycles};
 use std::f32::consts::{FRAC_PI_2, TAU};
 
-/// What stands nearer to the road than its frontage, and long lines behind it.
+/// Things closer to the road than its frontage, and long lines behind it.
 pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     for side in [-1.0, 1.0] {
         if dice.chance(0.2) {
@@ -33,7 +33,7 @@ pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
         for _ in 0..dice.events(busy * kind.per_100_m * yard.hundreds()) {
             let mesh = kind.built(dice);
             let along = yard.somewhere(dice);
-            // Half of it stands close to what bounds the street.
+            // Half of them are close to the edge of the street.
             let across = match dice.chance(0.5) {
                 true => dice.sign() * (yard.ground.edge_m + dice.range(-0.6, 0.1)),
                 false => yard.beside(0.6, 5.0, dice),
@@ -82,7 +82,7 @@ fn line(yard: &mut Yard, kind: Thing, across: f32, dice: &mut Dice) {
     }
 }
 
-/// A post, a sign's pole or a bollard within reach of some people: alike on thin sensors.
+/// A post, a sign's pole or a bollard near some people: similar to people on sensors with few beams.
 fn posts_near_people(yard: &mut Yard, dice: &mut Dice) {
     let people = yard.layout.placed.iter();
     let people = people.filter(|o| o.class == Class::Pedestrian);
@@ -105,7 +105,7 @@ fn post(mesh: &mut Mesh, dice: &mut Dice) {
     mesh.tube([up(-0.2), up(height)], [radius, radius * 0.9], 7, paint);
 }
 
-/// Depth before a facade (the plane y = 0, seen from -y): balconies, pillars under a slab, bays that stand out.
+/// Depth in front of a facade (the plane y = 0, seen from -y): balconies, pillars under a slab, protruding bays.
 pub(super) fn facade(mesh: &mut Mesh, length: f32, dice: &mut Dice) {
     let top = mesh.bounds().1.z;
     let stone = solid(dice.range(0.25, 0.6));

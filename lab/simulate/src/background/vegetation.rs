@@ -1,4 +1,4 @@
-//! Trees, bushes and rows of bushes: rough shells that let part of the rays through.
+//! Trees, bushes and rows of bushes: rough shells that part of the rays passes.
 
 use super::super::mesh::{LEAVES, Mesh, Surface, V3, solid, up, v};
 use super::super::random::Dice;
@@ -6,7 +6,7 @@ use super::{Family, Place, Thing, Yard, built};
 
 const BARK: Surface = solid(0.25);
 
-/// Bushes 6, rows of bushes 1 and trees 4 per 100 m, times a factor for the place (4.5 in gardens), at most 60 of each. A few large trees far behind close the view.
+/// Bushes 6, rows of bushes 1 and trees 4 per 100 m, times a factor for the place (4.5 in gardens), at most 60 of each. A few large trees far behind.
 pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     let factor = match yard.ground.place {
         Place::Suburb => 4.5,
@@ -39,7 +39,7 @@ pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     }
 }
 
-/// A trunk that takes ground, and a crown that may hang over things.
+/// A trunk that takes ground, and a crown that may be above other things.
 pub(super) fn tree(yard: &mut Yard, along: f32, across: f32, scale: f32, dice: &mut Dice) {
     let radius = dice.range(0.1, 0.26) * scale;
     let is_any = yard.layout.options.family == Family::SimAny;
@@ -93,7 +93,7 @@ fn bush_row(mesh: &mut Mesh, dice: &mut Dice) {
     }
 }
 
-/// A strip grown over with bushes and young trees, from the line y = 0 to +y.
+/// A strip of bushes and young trees, from the line y = 0 to +y.
 pub(super) fn thicket(mesh: &mut Mesh, length: f32, dice: &mut Dice) {
     let depth = dice.range(1.5, 5.0);
     let height = dice.range(0.8, 1.7);

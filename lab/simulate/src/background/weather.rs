@@ -1,13 +1,13 @@
-//! Rain with the spray that vehicles on the road throw up, and the exhaust of engines in the cold: clouds that let most rays pass.
+//! Rain with the spray of vehicles on the road, and the exhaust of engines in the cold: clouds that most rays pass.
 
 use super::super::mesh::{Mesh, porous, v};
 use super::super::random::Dice;
 use super::{Thing, Yard};
 
-/// Of scenes in the open: to be wet, to be cold.
+/// Chance that a scene in the open is wet, and that it is cold.
 const CHANCES: [f32; 2] = [0.08, 0.08];
 
-/// Behind each vehicle with some chance: puffs up to some metres back.
+/// Puffs up to some metres behind each vehicle, with some chance.
 pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {
     let lot = dice.unit();
     let is_wet = lot < CHANCES[0];

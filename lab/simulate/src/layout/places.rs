@@ -1,16 +1,16 @@
-//! Where objects stand in the places of `sim-any` that are no streets.
+//! Positions of objects in the places of `sim-any` that are no streets.
 
 use super::super::place::ROBOT_M;
 use super::*;
 
-/// A lane with a row of cars on both sides of it, across, m.
+/// Width of a lane with a row of cars on both sides, m.
 pub(crate) const AISLE_M: f32 = 16.0;
 /// From the middle of a lane to the middle of its rows, m.
 const ROW_M: f32 = 5.5;
 /// Width of a parking bay, m.
 pub(crate) const BAY_M: f32 = 2.55;
 
-/// How many objects, and the weights of car, pedestrian, cyclist and truck.
+/// Number of objects, and the weights of car, pedestrian, cyclist and truck.
 pub(super) fn known(place: Place, dice: &mut Dice) -> (usize, [f32; 4]) {
     match place {
         Place::CarPark => (dice.whole(26, 56), [0.78, 0.15, 0.07, 0.0]),
@@ -22,7 +22,7 @@ pub(super) fn known(place: Place, dice: &mut Dice) -> (usize, [f32; 4]) {
 }
 
 impl Layout<'_> {
-    /// A range that fits this frame of `sim-any`: within the room, and nearer to a robot, among people, than to a car.
+    /// A range for this frame of `sim-any`: within the room, and shorter for people around a robot than around a car.
     pub(super) fn nearer(&self, class: Class, range_m: f32, dice: &mut Dice) -> f32 {
         if self.options.family != Family::SimAny {
             return range_m;
@@ -49,7 +49,7 @@ impl Layout<'_> {
         in_room && gx.hypot(gy) < 0.115
     }
 
-    /// A pose in one of these places; None: as in a street.
+    /// A pose in one of these places; `None`: use the pose of a street.
     pub(super) fn off_street(&self, class: Class, range: f32, dice: &mut Dice) -> Option<Pose> {
         let is_person = matches!(class, Class::Pedestrian | Class::Cyclist);
         match self.ground.place {
@@ -65,7 +65,7 @@ impl Layout<'_> {
         }
     }
 
-    /// A bay of a row: the lanes stay free.
+    /// A bay of a row; the lanes stay free.
     fn bay(&self, range: f32, dice: &mut Dice) -> Option<Pose> {
         let aisle = AISLE_M * dice.spread(2.49).round();
         let across = aisle + dice.sign() * ROW_M;

@@ -16,19 +16,19 @@ struct Profile {
     roof_width: f32,
     /// Whether the side behind the front doors is sheet metal.
     panelled: bool,
-    /// An open load bed behind the cabin.
+    /// Whether there is an open load bed behind the cabin.
     bed: bool,
-    /// Whether the body is as high as the belt up to the deck, wherever that is.
+    /// Whether the body has belt height up to the deck.
     upright: bool,
 }
 
-/// The underside between the wheels, and how it rises towards nose and tail.
+/// The underside between the wheels, and its rise towards nose and tail.
 #[derive(Clone, Copy)]
 struct Underside {
     middle_m: f32,
-    /// It rises from this fraction of the length on.
+    /// The underside rises from this fraction of the length on.
     from: f32,
-    /// By so much a metre, at the nose and at the tail.
+    /// Rise per metre, at the nose and at the tail.
     slopes: [f32; 2],
 }
 
@@ -48,15 +48,15 @@ const SUV: Style = ([0.23, 0.10, -0.40, -0.475], [0.5, 0.6, 0.61, 0.58], 0.85);
 const MINI: Style = ([0.30, 0.13, -0.38, -0.47], [0.44, 0.58, 0.58, 0.55], 0.80);
 const COUPE: Style = ([0.17, 0.0, -0.18, -0.40], [0.46, 0.62, 0.65, 0.68], 0.80);
 const PICKUP: Style = ([0.22, 0.10, -0.06, -0.10], [0.52, 0.6, 0.6, 0.6], 0.80);
-/// Where rear window and tail of a car would be if its tail stood upright, fractions of the length,
+/// Positions of rear window and tail of a car with an upright tail, fractions of the length.
 const UPRIGHT: [f32; 2] = [-0.475, -0.488];
-/// and how much of the way there it is at most.
+/// Maximum share of the shift towards `UPRIGHT`.
 const TAIL_SHARE: f32 = 0.7;
 const MINIBUS: Style = ([0.38, 0.26, -0.47, -0.495], [0.36, 0.5, 0.52, 0.5], 0.88);
 
 /// A passenger car with KITTI's or UDI's sizes.
 pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
-    // (weight, style, change of length, of height): the changes cancel in the mean.
+    // (weight, style, change of length, change of height): the mean of the changes is zero.
     let styles = [
         (0.26, SEDAN, 0.35, -0.05),
         (0.26, HATCH, -0.12, -0.03),
@@ -70,7 +70,7 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
     let bed = style == PICKUP;
     let upright = family == Family::SimAny && [HATCH, ESTATE, SUV, MINI].contains(&style);
     if upright {
-        // Rear windows lean by 10 to 35 degrees: seen from behind, many a car is one face.
+        // Rear windows lean by 10 to 35 degrees: from behind, many cars are a single face.
         let share = dice.range(0.0, TAIL_SHARE);
         for (along, upright) in style.0[2..].iter_mut().zip(UPRIGHT) {
             *along += share * (upright - *along);
@@ -84,7 +84,7 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
     let length = dice.normal(base.x + longer, 0.26).max(2.6);
     let width = dice.normal(base.y + 0.08 * longer, 0.085);
     let height = dice.normal(base.z + higher, 0.1).max(1.2);
-    // Rays pass below real cars, and below their tails most.
+    // Rays pass below real cars, most of all below their tails.
     let underside = match family {
         Family::SimAny => Underside {
             middle_m: dice.range(0.14, 0.24),
@@ -106,7 +106,7 @@ pub(super) fn van(dice: &mut Dice) -> Model {
     body(MINIBUS, [panelled, false, false], UNDERSIDE, size, dice)
 }
 
-/// The vehicle of a style, with small changes, so that no two of a style agree.
+/// The vehicle of a style, with small random changes, so that no two are equal.
 fn body(
     style: Style,
     [panelled, bed, upright]: [bool; 3],
@@ -177,7 +177,7 @@ fn lower_body(
         (0.487, nose * 0.82),
         (0.5, nose * 0.68),
     ];
-    // Drawn in at nose and tail: (fraction of the length, share of the width).
+    // Narrower at nose and tail: (fraction of the length, share of the width).
     let plan = [
         (0.2, 1.0),
         (0.34, 0.985),
@@ -291,7 +291,7 @@ mod tests {
             let car = car(Family::SimAny, &mut Dice::new(&[41, *seed]));
             let mesh = TriMesh::new(car.mesh.vertices.clone(), car.mesh.triangles.clone());
             let mesh = mesh.expect("a mesh");
-            // Higher than any underside, lower than any window.
+            // Above any underside, below any window.
             [0.5, 0.52, 0.54].iter().any(|share| {
                 let from = v(car.low.x - 1.0, 0.3, share * car.high.z);
                 let hit = mesh.cast_local_ray(&Ray::new(from, V3::X), 20.0, false);
@@ -299,7 +299,7 @@ mod tests {
             })
         };
         let open: Vec<u64> = (0..400).filter(is_open).collect();
-        // The beds of pickups.
+        // Load beds of pickups.
         assert!(open.len() < 20, "{} of 400: {open:?}", open.len());
     }
 }

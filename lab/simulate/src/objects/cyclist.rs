@@ -1,4 +1,4 @@
-//! Cyclists: a frame of thin tubes, two wheels that are mostly holes, a leaning rider.
+//! Cyclists: a frame of thin tubes, two wheels with spokes, a leaning rider.
 
 use super::super::mesh::{
     METAL, Mesh, RETRO, RUBBER, SKIN, Surface, V3, circle, porous, solid, up, v,
@@ -19,7 +19,7 @@ pub(super) fn cyclist(dice: &mut Dice) -> Model {
     Model::new(mesh)
 }
 
-/// A bicycle standing upright, its middle over the origin; also used parked.
+/// An upright bicycle, its middle above the origin; also used for parked bicycles.
 pub(crate) fn bicycle(mesh: &mut Mesh, dice: &mut Dice) {
     let frame = solid(dice.range(0.1, 0.5));
     let radius = dice.range(0.32, 0.35);

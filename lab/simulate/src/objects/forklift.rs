@@ -5,7 +5,7 @@ use super::super::random::Dice;
 use super::Model;
 use super::vehicle::{axle, occupant, paint, seat};
 
-/// A forklift; the forks count as part of the object, a carried load too.
+/// A forklift; the forks and a carried load count as part of the object.
 pub(super) fn forklift(dice: &mut Dice) -> Model {
     let body_length = dice.range(2.0, 2.6);
     let fork_length = dice.range(0.9, 1.2);

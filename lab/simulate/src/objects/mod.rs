@@ -1,7 +1,7 @@
 //! Labelled objects, each built from parameterised parts in its own frame: x along the heading, y left, z up, on the ground at z = 0.
 //!
-//! Sizes follow what is published about KITTI's labels (mean and deviation a class) and, for cars of `sim-udi`, 4.5 x 1.85 x 1.55 m.
-//! Mirrors stay outside of a label's box, as in KITTI.
+//! Sizes follow published statistics of KITTI's labels (mean and deviation per class) and, for cars of `sim-udi`, 4.5 x 1.85 x 1.55 m.
+//! Mirrors are outside a label's box, as in KITTI.
 
 mod car;
 mod cyclist;
@@ -20,8 +20,8 @@ use super::mesh::{Mesh, Surface, V3, v};
 use super::random::Dice;
 use super::{Class, Family};
 
-/// The boxes that people drew around KITTI's vehicles stand off: their points lie 5 to 10 cm further inside than an exact extent would have them. The label of
-/// a vehicle of `sim-kitti` is larger than its triangles by this much on each side, m; those of `sim-udi` are exact.
+/// The annotated boxes of KITTI's vehicles are loose: their points are 5 to 10 cm further inside than in an exact box. The label of a vehicle of
+/// `sim-kitti` is larger than its triangles by this much on each side, m; the labels of `sim-udi` are exact.
 const ANNOTATION_MARGIN_M: f32 = 0.05;
 
 /// A built object: triangles and the box that its label states.
@@ -40,14 +40,14 @@ impl Model {
         Model { mesh, low, high }
     }
 
-    /// Mirrors, of which the left one is given, are seen but not labelled.
+    /// Mirrors (`left` is the left one) are in the mesh but outside the label.
     fn with_mirrors(body: Mesh, left: V3, size: V3, surface: Surface) -> Model {
         let mut model = Model::new(body);
         model.mesh.twins(left, size, surface);
         model
     }
 
-    /// Shrinks the triangles along and across, so that the label, left as it is, stands off by this much on each side.
+    /// Shrinks the triangles along and across, so that the unchanged label is larger by this much on each side.
     fn stand_off(&mut self, margin_m: f32) {
         let size = self.size_m();
         let scale = (size - 2.0 * v(margin_m, margin_m, 0.0)) / size.max(V3::splat(0.5));
@@ -78,7 +78,7 @@ pub(crate) fn build(class: Class, family: Family, dice: &mut Dice) -> Model {
     }
     let mut model = exact(class, dice, family);
     if family == Family::SimAny {
-        // Sizes differ between continents, and how far a label stands off between those who drew it.
+        // Sizes differ between continents, and the margin of labels differs between annotators.
         model.scale(dice.size([0.9, 1.12], [0.92, 1.1], [0.93, 1.09]));
         if !matches!(class, Class::Unseen(_)) {
             model.stand_off(dice.range(0.02, 0.07));
@@ -89,7 +89,7 @@ pub(crate) fn build(class: Class, family: Family, dice: &mut Dice) -> Model {
     model
 }
 
-/// Mean of what is published about labels of the class.
+/// Mean of the published label sizes of the class.
 pub(crate) fn mean_size_m(class: Class, family: Family) -> V3 {
     match (class, family) {
         (Class::Car, Family::SimKitti) => v(3.89, 1.62, 1.53),
@@ -126,7 +126,7 @@ mod tests {
     use super::super::tests::classes;
     use super::*;
 
-    /// Every class with so many keys.
+    /// Every class, each with this many keys.
     fn drawn(count: u64) -> impl Iterator<Item = (Class, u64)> {
         classes().flat_map(move |class| (0..count).map(move |i| (class, i)))
     }

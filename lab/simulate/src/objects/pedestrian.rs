@@ -90,7 +90,7 @@ fn arms(mesh: &mut Mesh, swing: f32, lean: f32, girth: f32, coat: Surface, dice:
     }
 }
 
-/// Skirts and long coats 20 %, a suitcase 5 %; one of eight bends from the hip.
+/// Skirts and long coats 20 %, a suitcase 5 %; one person of eight bends from the hip.
 fn carriage(mesh: &mut Mesh, swing: f32, cloth: Surface, dice: &mut Dice) {
     if dice.chance(0.2) {
         let (hem, half) = (dice.range(0.15, 0.6), dice.range(0.16, 0.26));

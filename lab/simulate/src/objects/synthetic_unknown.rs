@@ -1,8 +1,8 @@
-//! Objects that stand for the unknown, made of known ones before they are scanned: no unknown class is in them.
+//! Synthetic unknown objects, made of known objects before the scan: they use no unknown class.
 //!
-//! A known object is scaled axis by axis, or the rear (the lower part) of one meets the front (the upper part) of another, and a slab may be cut out, as
-//! windows and open sides are. What still has the size of a known class is thrown away. Since rays are cast at it like at anything else, it hides what stands
-//! behind it and its points lie where a sensor's would, which points that are moved about (`train::synthetic_unknown`) cannot have.
+//! A known object is scaled axis by axis, or the rear (the lower part) of one is joined to the front (the upper part) of another. A slab may be
+//! cut out, like windows and open sides. Objects that still have the size of a known class are rejected. Rays are cast at it as at any other object, so it
+//! hides objects behind it and its points are where a sensor's would be. Moved points (`train::synthetic_unknown`) do not have these properties.
 //! Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
 
 use super::super::mesh::{Mesh, V3};
@@ -13,13 +13,13 @@ use crate::synthetic_unknown::{
     LARGE_M, LIES_CHANCE, ON_ROADS, Scaling, has_known_size, has_road_size,
 };
 
-/// Of a car's height: what is below stays below.
+/// Share of a car's height below which the shape stays.
 const UNDERSIDE: f32 = 0.15;
-/// Draws for one object; the last is taken as it comes.
+/// Maximum number of draws for one object; the last draw is always accepted.
 const DRAWS: usize = 64;
 
-/// Builds one. In `sim-kitti` the label of what a vehicle is part of stands off, as vehicles' labels do. Elsewhere labels are exact, although in `sim-any` those of
-/// known objects stand off by 2 to 7 cm.
+/// Builds one object. In `sim-kitti` its label has a margin where a vehicle is part of it, as the labels of vehicles do. Elsewhere its label is exact,
+/// although in `sim-any` the labels of known objects have margins of 2 to 7 cm.
 pub(super) fn synthetic_unknown(family: Family, dice: &mut Dice) -> Model {
     let (mut model, mut has_vehicle) = attempt(family, dice);
     for _ in 1..DRAWS {
@@ -34,7 +34,7 @@ pub(super) fn synthetic_unknown(family: Family, dice: &mut Dice) -> Model {
     model
 }
 
-/// Whether it has the size of something on a road, but of no known class.
+/// Whether it has the size of an object on a road, but not the size of a known class.
 fn is_new(model: &Model, family: Family) -> bool {
     let size = |size_m: V3| size_m.to_array().map(f64::from);
     let classes = family.known_classes().iter();
@@ -75,7 +75,7 @@ fn attempt(family: Family, dice: &mut Dice) -> (Model, bool) {
         let second = known_class(family, dice);
         has_vehicle |= second.is_vehicle();
         mesh = join(mesh, body(second, family, dice), dice.chance(0.5));
-        // A join is new by itself: scale it less.
+        // A join is already new: it is scaled less.
         factors = factors.map(f32::sqrt);
     }
     if is_large {
@@ -90,7 +90,7 @@ fn attempt(family: Family, dice: &mut Dice) -> (Model, bool) {
     (Model::new(mesh), has_vehicle)
 }
 
-/// Stretches a car to the size of a van, truck or bus, and its bonnet up towards the roof.
+/// Stretches a car to the size of a van, truck or bus, and raises its bonnet towards the roof.
 fn enlarge(mesh: &mut Mesh, dice: &mut Dice) {
     let size_m = LARGE_M.map(|[low, high]| low * (high / low).powf(dice.unit()));
     let bend = dice.range(LARGE_BEND[0], LARGE_BEND[1]);
@@ -104,13 +104,13 @@ fn enlarge(mesh: &mut Mesh, dice: &mut Dice) {
     });
 }
 
-/// l, w, h of what is there, m.
+/// l, w, h of the mesh, m.
 fn extent(mesh: &Mesh) -> V3 {
     let (low, high) = mesh.bounds();
     (high - low).max(V3::splat(1e-3))
 }
 
-/// What the label of a known object states the size of: without mirrors.
+/// The part of a known object that its label encloses: without mirrors.
 fn body(class: Class, family: Family, dice: &mut Dice) -> Mesh {
     let mut model = exact(class, dice, family);
     let (low, high) = (model.low - 1e-3, model.high + 1e-3);
@@ -119,7 +119,7 @@ fn body(class: Class, family: Family, dice: &mut Dice) -> Mesh {
     model.mesh
 }
 
-/// Vehicles and people alike, though most known classes are people.
+/// Vehicles and people with equal chance, although most known classes are people.
 fn known_class(family: Family, dice: &mut Dice) -> Class {
     let wants_vehicle = dice.chance(0.5);
     let mut known = family.known_classes().to_vec();
@@ -127,8 +127,8 @@ fn known_class(family: Family, dice: &mut Dice) -> Class {
     known[dice.whole(0, known.len() - 1)]
 }
 
-/// The part of `rear` behind its middle (below it, if `stacked`), and of `front`, brought to the same width and length (width
-/// and height), the part before (above) its own.
+/// Joins the part of `rear` behind its middle (below it, if `stacked`) with the part of `front` before (above) its own middle. `front` is scaled to
+/// the same width and height (width and length, if `stacked`) first.
 fn join(mut rear: Mesh, mut front: Mesh, stacked: bool) -> Mesh {
     let axis = if stacked { V3::Z } else { V3::X };
     let fit = extent(&rear) / extent(&front);
@@ -144,7 +144,7 @@ fn join(mut rear: Mesh, mut front: Mesh, stacked: bool) -> Mesh {
     rear
 }
 
-/// Without the triangles that have their middle in a slab of the height.
+/// Removes the triangles whose middle is in a horizontal slab.
 fn cut(mesh: &mut Mesh, dice: &mut Dice) {
     let (bottom, top) = mesh.bounds();
     let share = dice.range(CUT_SHARE[0] as f32, CUT_SHARE[1] as f32);

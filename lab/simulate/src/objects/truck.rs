@@ -1,4 +1,4 @@
-//! Trucks: cab, gap, and one of five kinds of load; axles by length; an open space under the frame.
+//! Trucks: cab, gap, and one of five kinds of load; number of axles by length; an open space under the frame.
 
 use super::super::mesh::{GLASS, METAL, Mesh, RETRO, Surface, V3, circle, mirrored, solid, v};
 use super::super::random::Dice;
@@ -99,7 +99,7 @@ fn cargo(mesh: &mut Mesh, low: V3, high: V3, dice: &mut Dice) {
     }
 }
 
-/// Vertical ribs along both sides: a box is never one plane.
+/// Vertical ribs along both sides: no side of a box is a single plane.
 fn ribs(mesh: &mut Mesh, low: V3, high: V3, colour: Surface, count: usize) {
     let size = high - low;
     for i in 0..=count {

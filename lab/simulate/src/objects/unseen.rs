@@ -1,4 +1,4 @@
-//! Things assembled from the parts of a table: objects of the unseen classes (`unseen.toml`, which says what the columns mean) and street furniture (`street.toml`).
+//! Objects assembled from the parts of a table: the unseen classes (`unseen.toml`, which explains the columns) and street furniture (`street.toml`).
 
 use super::super::mesh::{
     GLASS, INTERIOR, LEAVES, METAL, Mesh, RETRO, Surface, V3, porous, solid, v,
@@ -24,7 +24,7 @@ pub(crate) struct Row {
     split: String,
     #[serde(default)]
     habit: Habit,
-    /// Street furniture: how many stand along 100 m.
+    /// Street furniture: number per 100 m.
     #[serde(default)]
     pub(crate) per_100_m: f32,
     size_m: [[f32; 2]; 3],
@@ -35,7 +35,7 @@ pub(crate) struct Row {
     twins: Vec<Part>,
 }
 
-/// Where an object is, and whether it moves.
+/// Usual place of an object, and whether it moves.
 #[derive(Clone, Copy, Default, PartialEq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Habit {
@@ -71,7 +71,7 @@ enum Cover {
     Leaves,
 }
 
-/// Shape, place, size, surface, form, odds.
+/// Shape, position, size, surface, form, probability.
 #[derive(Deserialize)]
 struct Part(
     Shape,
@@ -93,19 +93,19 @@ fn read(text: &str) -> Table {
     toml::from_str(text).expect("a table that a test reads")
 }
 
-/// Kinds of street furniture that `sim-any` has besides.
+/// Additional kinds of street furniture in `sim-any`.
 pub(crate) fn street() -> &'static [Row] {
     &STREET.class
 }
 
 impl Unseen {
-    /// The classes that a split shows: other ones in validation and test, none in training.
+    /// The unseen classes of a split: different ones in validation and test, none in training.
     pub(crate) fn of(split: Split) -> impl Iterator<Item = Unseen> {
         let all = (0..TABLE.class.len()).map(|index| Unseen(index as u8));
         all.filter(move |class| class.row().split == split.name())
     }
 
-    /// Name in label files.
+    /// The name in label files.
     pub fn name(self) -> &'static str {
         &self.row().name
     }
@@ -124,7 +124,7 @@ impl Unseen {
 }
 
 impl Row {
-    /// Builds one; the drawn size is that of the parts that are always there.
+    /// Builds one object; the drawn size applies to the parts that are always present.
     pub(crate) fn built(&self, dice: &mut Dice) -> Mesh {
         let (colour, lot) = (paint(dice), dice.unit());
         let mut mesh = Mesh::default();

@@ -10,7 +10,7 @@ pub(super) fn paint(dice: &mut Dice) -> Surface {
     solid(dice.range(dark, light))
 }
 
-/// A wheel on each side, tyre and rim, so far from the middle.
+/// A wheel on each side, tyre and rim, `half_track` from the middle.
 pub(super) fn axle(mesh: &mut Mesh, x: f32, half_track: f32, radius: f32, width: f32) {
     for side in [-1.0, 1.0] {
         let center = v(x, side * half_track, radius);

@@ -16,7 +16,7 @@ fn smooth_l1(d: f32) -> (f32, f32) {
 }
 
 impl Evaluation<'_> {
-    /// Smooth L1 on the seven codes, the angle's as the sine of the difference; softmax cross entropy of two bins.
+    /// Smooth L1 on the seven codes (the angle's as the sine of the difference), and softmax cross entropy of the two bins.
     pub(super) fn positives(&mut self) {
         let (outputs, losses, gradients) = (self.outputs, &mut self.losses, &mut self.gradients);
         let anchors = outputs.direction.len() / 2 / self.targets.labelled.len().max(1);

@@ -1,16 +1,16 @@
-//! Losses of the labelled cells: the embedding and the logit of the unknown.
+//! Losses of the labelled cells: the embedding and the unknown logit.
 
 use super::{Evaluation, LossSettings, softplus};
 use crate::targets::CellClass;
 
-/// Of the loss that draws the embeddings of synthetic unknown objects to the prototypes' centre: a guess.
+/// Weight of the loss that pulls embeddings of synthetic unknown objects to the prototypes' centre: a guess.
 const CENTER_WEIGHT: f32 = 0.5;
 
 impl Evaluation<'_> {
-    /// Cross entropy of softmax(-|f - m_t|^2) (paper section 3.2, eq. 2), which for one-hot prototypes equals that of softmax(2 T f); the variance loss |f -
-    /// m_Y|^2; and two of ours: |f - c|^2 of synthetic unknown objects, with the prototypes' centre c, where EDS is least (center), and |f + c|^2 of background
-    /// (push). From c to -c leads the direction that eq. 2 does not see, since one number is added to every logit; EDS does see it, and is 1 + 4 / (C - 1)
-    /// there, normalised: more than a known object's 2 while there are fewer than five classes.
+    /// Cross entropy of softmax(-|f - m_t|^2) (paper section 3.2, eq. 2), which for one-hot prototypes equals that of softmax(2 T f); the variance loss
+    /// |f - m_Y|^2; and two of ours, with the prototypes' centre c, where EDS is minimal: |f - c|^2 of synthetic unknown objects (center), and |f + c|^2
+    /// of background (push). Eq. 2 does not change along the direction from c to -c, since it adds one number to every logit. EDS does change: it is,
+    /// normalised, 1 + 4 / (C - 1) at -c, more than a known object's 2 while there are fewer than five classes.
     pub(super) fn metric(&mut self, settings: LossSettings, classes: usize) {
         let t = settings.prototype_scale;
         let centre = t / classes as f32;
@@ -53,8 +53,8 @@ impl Evaluation<'_> {
         }
     }
 
-    /// Cross entropy of the logit of the unknown: synthetic unknown objects against known ones and background, every cell with its own weight. Background is
-    /// most of it, so the logit says how rare an unknown object is. (Equal weights of the three were tried: known objects then look unknown.)
+    /// Cross entropy of the unknown logit: synthetic unknown objects against known objects and background, every cell with its own weight. Most of the
+    /// weight is background, so the logit includes the rarity of unknown objects. With equal weights of the three groups known objects look unknown.
     pub(super) fn unknown(&mut self) {
         let (logits, gradient) = (&self.outputs.unknown, &mut self.gradients.unknown);
         for label in self.targets.cells.iter().filter(|_| !logits.is_empty()) {

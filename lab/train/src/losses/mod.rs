@@ -17,14 +17,14 @@ pub struct LossSettings {
     pub prototype_scale: f32,
     /// Weight of the variance loss; 0 in the paper.
     pub variance_weight: f32,
-    /// Weight of the loss that draws the embeddings of background to the centre's mirror image.
+    /// Weight of the loss that pulls the embeddings of background to the centre's mirror image.
     pub push_weight: f32,
 }
 
-/// Values of the losses, weighted as in the sum, averaged over frames.
+/// Weighted losses of a batch, averaged over frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Losses {
-    /// Focal, per anchor.
+    /// Focal loss, per anchor.
     pub objectness: f64,
     /// Cross entropy of the embedding.
     pub metric: f64,
@@ -36,12 +36,12 @@ pub struct Losses {
     pub direction: f64,
     /// Distance of synthetic unknown objects to the centre, and of background to its mirror image.
     pub center: f64,
-    /// Cross entropy of the logit of the unknown.
+    /// Cross entropy of the unknown logit.
     pub unknown: f64,
 }
 
 impl Losses {
-    /// Each, by name.
+    /// Each loss with its name.
     pub fn named_mut(&mut self) -> [(&'static str, &mut f64); 7] {
         [
             ("objectness", &mut self.objectness),
@@ -54,14 +54,14 @@ impl Losses {
         ]
     }
 
-    /// What is minimised.
+    /// The sum, which is minimised.
     pub fn total(&self) -> f64 {
         let cells = self.metric + self.variance + self.center + self.unknown;
         self.objectness + cells + self.boxes + self.direction
     }
 }
 
-/// What the losses of a batch are made of, and their sums so far.
+/// Inputs of a batch's losses, and the sums so far.
 struct Evaluation<'a> {
     outputs: &'a Outputs,
     targets: &'a BatchTargets,

@@ -9,7 +9,7 @@ const FOCAL_ALPHA: f32 = 0.25;
 
 /// Sigmoid focal loss (gamma 2) of one logit, and its derivative.
 pub(super) fn focal(x: f32, positive: bool) -> (f32, f32) {
-    // The positive case mirrors the negative: x -> -x.
+    // The positive case is the negative one with x -> -x.
     let (x, sign, alpha) = if positive {
         (-x, -1.0, FOCAL_ALPHA)
     } else {
@@ -23,13 +23,13 @@ pub(super) fn focal(x: f32, positive: bool) -> (f32, f32) {
     (alpha * p * p * s, slope)
 }
 
-/// The logits of a batch, by row of the two ups, and what they should be.
+/// The logits of a batch, by row of the two ups, and their targets.
 struct Presence<'a> {
     ups: &'a [Vec<f32>; 2],
     plan: &'a MapPlan,
     labels: &'a [i8],
     anchors: usize,
-    /// The row of up 1, and the first of the four of up 2, that stand for every cell that nothing reaches.
+    /// The row of up 1, and the first of four rows of up 2, that represent every cell without input from a voxel.
     backgrounds: [usize; 2],
 }
 
@@ -38,7 +38,7 @@ impl Presence<'_> {
         &self.labels[cell * self.anchors..][..self.anchors]
     }
 
-    /// Whether nothing reaches the cell, and no label is at it.
+    /// Whether the cell has no input from a voxel and no label.
     fn is_background(&self, cell: usize) -> bool {
         let [row1, row2] = self.plan.up_rows(cell);
         row1 == self.backgrounds[0]
@@ -46,7 +46,7 @@ impl Presence<'_> {
             && self.labels(cell).iter().all(|label| *label == 0)
     }
 
-    /// The loss of a cell's anchors, and its gradient. A logit is the sum of what the two ups contribute.
+    /// The loss of a cell's anchors, and its gradient. A logit is the sum of the contributions of the two ups.
     fn cell(&self, [row1, row2]: [usize; 2], labels: &[i8], weight: f32, d: &mut [f32]) -> f64 {
         let ([up1, up2], anchors) = (self.ups, self.anchors);
         let mut sum = 0.0;
@@ -63,8 +63,8 @@ impl Presence<'_> {
         sum
     }
 
-    /// A line of the map: its loss, and how many background cells it has at each place in the 2x2. Those are all alike but for
-    /// the place, so each place is computed once for all.
+    /// A line of the map: its loss, and its number of background cells at each place in the 2x2. Background cells at the same
+    /// place are identical, so each place is computed once for all of them.
     fn line(&self, line: usize, weight: f32, d: &mut [f32]) -> (f64, [usize; 4]) {
         let (mut loss, mut alike) = (0.0, [0; 4]);
         for (x, d) in d.chunks_exact_mut(self.anchors).enumerate() {

@@ -1,4 +1,4 @@
-//! A small model, scans from blobs, and the written rows.
+//! A small model, scans of blobs, and the written rows.
 #![allow(dead_code)] // Each test file uses a part of it.
 
 use mluc_backbone::{Backbone, BackboneError, Coverage, Frame, Precision};
@@ -38,12 +38,12 @@ pub(crate) fn calibrated(manifest: &Manifest) -> WeightSet {
         .expect("every level has values")
 }
 
-/// Of a model with calibrated weights.
+/// A backbone with calibrated weights.
 pub(crate) fn backbone(manifest: &Manifest, precision: Precision) -> Run<Backbone> {
     Backbone::with_precision(manifest, &calibrated(manifest), precision)
 }
 
-/// Root mean square of the difference, of the expected values' root mean square.
+/// The ratio of the difference's root mean square to the expected values' root mean square.
 pub(crate) fn relative_error(expected: &[f32], found: &[f32]) -> f64 {
     let square = |value: f32| f64::from(value).powi(2);
     let differences = expected.iter().zip(found).map(|(a, b)| square(a - b));
@@ -51,8 +51,8 @@ pub(crate) fn relative_error(expected: &[f32], found: &[f32]) -> f64 {
     (differences.sum::<f64>() / squares.sum::<f64>()).sqrt()
 }
 
-/// Runs a scan with the active cells alone, put into `empty`'s rows, and with all cells: the same values, finite (in f32
-/// tiles round otherwise than direct sums), and every point accounted for. Gives the frame and its cells.
+/// Runs a scan with the active cells alone, put into `empty`'s rows, and with all cells. The values must be equal and finite (in f32
+/// tiles round differently from direct sums), and every point must be counted. Returns the frame and its cells.
 pub(crate) fn check_coverage(
     backbone: &mut Backbone,
     empty: &[f32],

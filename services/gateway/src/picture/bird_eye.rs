@@ -4,7 +4,7 @@ use super::canvas::{Canvas, Color};
 use super::view::{BoxKind, DrawnBox, NIGHT, RING, View, color_of, ramp};
 use super::{captions::Captions, legend::draw_legend};
 
-/// Heights at the ends of the ramp, m above the sensor.
+/// Heights at the ends of the colour ramp, m above the sensor.
 pub(super) const RAMP_M: [f32; 2] = [-2.2, 1.2];
 
 /// Draws a scan from above. Points that are not finite or lie outside the view are left out.
@@ -19,7 +19,7 @@ pub fn bird_eye(points: &[[f32; 4]], boxes: &[DrawnBox], view: &View) -> Canvas 
     }
     let bounds = |b| corners_px(b, view).map(|corners| (b, bounds_px(&corners)));
     draw_captions(&mut canvas, boxes.iter().filter_map(bounds).collect());
-    // The sensor, and where it looks.
+    // The sensor and its forward direction.
     let (center, tip) = (view.at(0.0, 0.0), view.at(1.8, 0.0));
     canvas.line(center, tip, 2.0, [240, 240, 240], 0.9);
     canvas.ring(center, 4.0, 2.0, [240, 240, 240], 0.9);
@@ -40,7 +40,7 @@ fn draw_rings(canvas: &mut Canvas, view: &View) {
     }
 }
 
-/// Low points first, so that what stands out is on top.
+/// Draws low points first, so that high points are on top.
 fn draw_points(canvas: &mut Canvas, points: &[[f32; 4]], view: &View) {
     let is_finite = |i: &usize| points[*i][..3].iter().all(|v| v.is_finite());
     let mut order: Vec<usize> = (0..points.len()).filter(is_finite).collect();
@@ -70,7 +70,7 @@ pub(super) fn splat(canvas: &mut Canvas, at: [f32; 2], color: Color) {
     }
 }
 
-/// Corners of the footprint in pixels; `None` for a box that makes no sense or lies far away.
+/// Corners of the footprint in pixels; `None`: a corner is not finite or lies far outside the picture.
 fn corners_px(drawn: &DrawnBox, view: &View) -> Option<[[f32; 2]; 4]> {
     let footprint_m = drawn.box_in_sensor.footprint_m();
     let corners = footprint_m.map(|[x, y]| view.at(x as f32, y as f32));
@@ -78,7 +78,7 @@ fn corners_px(drawn: &DrawnBox, view: &View) -> Option<[[f32; 2]; 4]> {
     corners.iter().flatten().all(is_sane).then_some(corners)
 }
 
-/// Footprint with a bar at the front.
+/// Draws the footprint with a bar at the front.
 fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, view: &View) {
     let Some(corners) = corners_px(drawn, view) else {
         return;
@@ -100,7 +100,7 @@ fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, view: &View) {
     canvas.line(left, right, width, color, 0.95);
 }
 
-/// Left, top, right, bottom.
+/// Bounds of the corners: left, top, right, bottom, px.
 pub(super) fn bounds_px(corners: &[[f32; 2]]) -> [i64; 4] {
     let of = |axis: usize, pick: fn(f32, f32) -> f32| {
         let values = corners.iter().map(|corner| corner[axis]);
@@ -110,7 +110,7 @@ pub(super) fn bounds_px(corners: &[[f32; 2]]) -> [i64; 4] {
     [of(0, low), of(1, low), of(0, high), of(1, high)]
 }
 
-/// Boxes with their bounds. Unknown objects' texts first: they get the best places.
+/// Draws the captions of boxes, given with their bounds. Unknown objects come first: they get the best places.
 pub(super) fn draw_captions(canvas: &mut Canvas, mut order: Vec<(&DrawnBox, [i64; 4])>) {
     let taken = order.iter().map(|(_, bounds)| *bounds).collect();
     let mut captions = Captions::among(taken, canvas.size_px());

@@ -14,7 +14,7 @@ pub struct Canvas {
 }
 
 impl Canvas {
-    /// A picture of one colour; sides are kept within 1..=8192 px.
+    /// A picture of one colour; its sides are clamped to 1..=8192 px.
     pub fn new(width_px: usize, height_px: usize, background: Color) -> Canvas {
         let (width_px, height_px) = (width_px.clamp(1, 8192), height_px.clamp(1, 8192));
         Canvas {
@@ -34,10 +34,10 @@ impl Canvas {
         (x < self.width_px && y < self.height_px).then(|| self.pixels[y * self.width_px + x])
     }
 
-    /// Mixes a colour into a pixel; `alpha` 0 leaves it, 1 replaces it. Outside nothing happens.
+    /// Mixes a colour into a pixel; `alpha` 0 leaves it, 1 replaces it. A pixel outside the picture is ignored.
     pub fn blend(&mut self, x: i64, y: i64, color: Color, alpha: f32) {
         let (x, y) = (x as usize, y as usize);
-        // A place below 0 is beyond any side.
+        // A coordinate below 0 wraps to a value that is larger than any side.
         if x >= self.width_px || y >= self.height_px {
             return;
         }
@@ -116,7 +116,7 @@ impl Canvas {
         Canvas::animation(std::slice::from_ref(self), 0)
     }
 
-    /// Pictures of one size, one after the other, again and again, as an animated PNG; a single one as a plain PNG.
+    /// An animated PNG that shows pictures of one size in an endless loop; a single picture gives a plain PNG.
     pub fn animation(pictures: &[Canvas], each_ms: u16) -> Vec<u8> {
         let mut file = Vec::new();
         let [width, height] = pictures[0].size_px().map(|side| side as u32);
@@ -137,7 +137,7 @@ impl Canvas {
         file
     }
 
-    /// Copies another picture to where its upper left corner is given.
+    /// Copies another picture into this one; `at` is the place of its upper left corner, px.
     pub fn paste(&mut self, other: &Canvas, at: [usize; 2]) {
         for (y, row) in other.pixels.chunks(other.width_px).enumerate() {
             for (x, color) in row.iter().enumerate() {
@@ -146,7 +146,7 @@ impl Canvas {
         }
     }
 
-    /// Blends each pixel between two corners as far as it is covered; `cover` is clamped to 0..1.
+    /// Blends each pixel between two corners in proportion to its coverage; `cover` is clamped to 0..1.
     fn paint(
         &mut self,
         [low, high]: [[f32; 2]; 2],

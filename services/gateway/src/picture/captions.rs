@@ -1,9 +1,9 @@
-//! Where a box's text goes: beside it, and not over another box or its text.
+//! Places a box's text next to the box, and not over another box or its text.
 
 /// Pixels between a box and its text.
 const GAP_PX: i64 = 4;
 
-/// What stands already, each as left, top, right, bottom, px, in a picture of a size.
+/// The rectangles that are taken, each as left, top, right, bottom, px, and the size of the picture.
 #[derive(Debug)]
 pub(super) struct Captions {
     size_px: [i64; 2],
@@ -18,8 +18,8 @@ impl Captions {
         }
     }
 
-    /// Upper left corner of a text of this size for a box with these bounds: the first free place of right, left (both from the top
-    /// downwards), above and below; to the right of its top where all are taken. In the picture, if the text fits into it.
+    /// Upper left corner, px, of a text of this size for a box with these bounds: the first free place on the right, on the left (both
+    /// from the top down), above, below. If all are taken: to the right of its top. The text stays in the picture if it fits.
     pub(super) fn place(&mut self, bounds: [i64; 4], size_px: [i64; 2]) -> [i64; 2] {
         let ([left, top, right, bottom], [width, height]) = (bounds, size_px);
         let line = height + 2;

@@ -1,4 +1,4 @@
-//! A small bitmap alphabet: 5 x 7 dots a letter, capitals alone (small letters are shown as capitals).
+//! A small bitmap font: 5 x 7 dots per letter, capitals only (small letters are shown as capitals).
 
 use std::{array, collections::HashMap, sync::LazyLock};
 
@@ -7,7 +7,7 @@ pub(super) const GLYPH_ROWS: usize = 7;
 
 type Glyph = [u8; GLYPH_ROWS];
 
-/// A line a sign: the sign, and its rows from the top.
+/// One line per character: the character, and its rows from the top.
 static ALPHABET: LazyLock<HashMap<char, Glyph>> = LazyLock::new(|| {
     let add = |bits, dot| bits << 1 | u8::from(dot == '#');
     let bits = |row: &str| row.chars().fold(0, add);
@@ -20,7 +20,7 @@ static ALPHABET: LazyLock<HashMap<char, Glyph>> = LazyLock::new(|| {
     include_str!("font.txt").lines().filter_map(glyph).collect()
 });
 
-/// Rows of a letter from the top; the highest of the five bits is the left dot. A sign that the alphabet does not have is a hollow box.
+/// Rows of a letter from the top; the highest of the five bits is the left dot. A character that the font lacks is a hollow box.
 pub(super) fn glyph(letter: char) -> Glyph {
     let known = ALPHABET.get(&letter.to_ascii_uppercase());
     *known.unwrap_or(&ALPHABET[&'\u{25a1}'])

@@ -1,4 +1,4 @@
-//! The corner of a picture that says what is seen: title, one line a kind of box with its count, the height ramp.
+//! The legend in a picture's corner: the title, one line per kind of box with its count, the height ramp.
 
 use super::canvas::{Canvas, Color};
 use super::view::{BoxKind, CAPTION, DrawnBox, NIGHT, color_of, ramp};

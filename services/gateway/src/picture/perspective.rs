@@ -6,15 +6,15 @@ use super::bird_eye::{RAMP_M, bounds_px, color_of_height, draw_captions, splat};
 use super::view::{BoxKind, DrawnBox, NIGHT, color_of};
 use super::{canvas::Canvas, legend::draw_legend};
 
-/// Where the eye is in the sensor frame, m.
+/// Position of the camera in the sensor frame, m.
 const EYE_M: [f64; 3] = [-16.0, 0.0, 9.0];
-/// How far it looks down, rad.
+/// Downward pitch of the camera, rad.
 const DOWN_RAD: f64 = 0.25;
 /// Focal length, in widths of the picture.
 const FOCAL: f64 = 0.65;
-/// Height, in widths.
+/// Height of the picture, in widths of the picture.
 const HEIGHT: f64 = 0.5625;
-/// What is nearer to the eye, or further away, is left out, m.
+/// Range of depth that is drawn, m. Points and boxes outside it are left out.
 const DEPTH_M: std::ops::Range<f64> = 1.0..500.0;
 
 /// Draws a scan from behind; points and boxes that are not finite are left out.
@@ -29,7 +29,7 @@ pub fn perspective(
     let project = |point_m: [f64; 3]| project(point_m, width_px as f64);
     let dot = |p: &[f32; 4]| Some((project([0, 1, 2].map(|i| f64::from(p[i])))?, p[2]));
     let mut dots: Vec<_> = points.iter().filter_map(dot).collect();
-    // What is near covers what is far.
+    // Near points are drawn last and cover far ones.
     dots.sort_by(|((_, a), _), ((_, b), _)| b.total_cmp(a));
     for ((at, _), z_m) in dots {
         splat(&mut canvas, at, color_of_height(z_m));
@@ -48,7 +48,7 @@ pub fn perspective(
     canvas
 }
 
-/// Pixel and depth, m.
+/// Pixel, and depth in m; `None`: outside the range of depth or far outside the picture.
 fn project([x, y, z]: [f64; 3], width_px: f64) -> Option<([f32; 2], f64)> {
     let (sin, cos) = DOWN_RAD.sin_cos();
     let [ahead, left, up] = [x - EYE_M[0], y - EYE_M[1], z - EYE_M[2]];
@@ -58,7 +58,7 @@ fn project([x, y, z]: [f64; 3], width_px: f64) -> Option<([f32; 2], f64)> {
     (DEPTH_M.contains(&depth) && at.iter().all(|v| v.abs() < 1e5)).then_some((at, depth))
 }
 
-/// The footprint at the bottom, then at the top.
+/// Corners of a box, m: the footprint at the bottom, then at the top.
 fn corners_m(shape: &Box3) -> [[f64; 3]; 8] {
     let footprint_m = shape.footprint_m();
     std::array::from_fn(|i| {
@@ -69,7 +69,7 @@ fn corners_m(shape: &Box3) -> [[f64; 3]; 8] {
     })
 }
 
-/// Twelve edges and a filled front.
+/// Draws the twelve edges and the filled front.
 fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, corners: &[[f32; 2]]) {
     let color = color_of(drawn);
     let is_unknown = drawn.kind == BoxKind::Unknown;

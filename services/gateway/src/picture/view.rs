@@ -1,9 +1,9 @@
-//! What a picture from above shows: its boxes, its part of the world, its colours (a dark ground, a ramp for height, one colour a kind of box).
+//! The contents of a picture from above: its boxes, the area shown, its colours (dark background, a ramp for height, one colour per kind of box).
 
 use super::canvas::Color;
 use mluc_geometry::Box3;
 
-/// What a box is.
+/// Kind of a box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoxKind {
     /// A detection of a known class: solid, in the colour of its label.
@@ -17,7 +17,7 @@ pub enum BoxKind {
 /// A box to draw.
 #[derive(Clone, Debug)]
 pub struct DrawnBox {
-    /// Where it is.
+    /// The box in the sensor's frame.
     pub box_in_sensor: Box3,
     /// How it is drawn.
     pub kind: BoxKind,
@@ -27,21 +27,21 @@ pub struct DrawnBox {
     pub caption: String,
 }
 
-/// What part of the world is shown, and how.
+/// The area that a picture shows, its scale and its title.
 #[derive(Clone, Debug)]
 pub struct View {
     /// Lowest and highest x shown, m.
     pub x_m: [f32; 2],
     /// Lowest and highest y shown, m.
     pub y_m: [f32; 2],
-    /// Pixels a metre.
+    /// Pixels per metre.
     pub px_per_m: f32,
-    /// First line in the upper left corner.
+    /// Title: the first line in the upper left corner.
     pub title: String,
 }
 
 impl View {
-    /// Full circle: 70.4 m ahead, else 51.2 m, 10 px a metre.
+    /// All around the sensor: 70.4 m ahead, 51.2 m in the other directions, 10 px per metre.
     pub fn around() -> View {
         View {
             x_m: [-51.2, 70.4],
@@ -51,7 +51,7 @@ impl View {
         }
     }
 
-    /// The half before the sensor: 70.4 m ahead, 40 m to each side.
+    /// The half in front of the sensor: 70.4 m ahead, 40 m to each side.
     pub fn ahead() -> View {
         View {
             x_m: [-2.0, 70.4],
@@ -86,7 +86,7 @@ const RAMP: [Color; 6] = [
     [232, 98, 72],
 ];
 
-/// Colour of a place on the ramp, 0..1.
+/// Colour at a position on the ramp, 0..1.
 pub fn ramp(t: f32) -> Color {
     let t = if t.is_nan() { 0.0 } else { t.clamp(0.0, 1.0) } * (RAMP.len() - 1) as f32;
     let low = (t as usize).min(RAMP.len() - 2);
@@ -97,7 +97,7 @@ pub fn ramp(t: f32) -> Color {
     })
 }
 
-/// Colour of a label: the common classes have their own, whatever the case of their letters; others share one.
+/// Colour of a label. Common classes have their own colour, in upper or lower case; all others share one.
 pub(crate) fn label_color(label: &str) -> Color {
     match label.to_ascii_lowercase().as_str() {
         "car" => [86, 180, 255],

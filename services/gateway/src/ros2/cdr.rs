@@ -1,12 +1,12 @@
-//! CDR as ROS 2 writes it (OMG DDS-XTypes 1.3, section 7.4.1, version 1), little-endian: numbers lie at multiples of their
-//! size, a sequence begins with its length.
+//! CDR as ROS 2 writes it (OMG DDS-XTypes 1.3, section 7.4.1, version 1), little-endian. A number starts at a multiple of its
+//! size. A sequence begins with its length.
 
 use std::collections::BTreeMap;
 
 use mluc_ipc_types::Stage;
 use serde_json::Value;
 
-/// What a message begins with: how it is encoded.
+/// CDR header at the start of each message: the encoding.
 const HEAD: [u8; 4] = [0, 1, 0, 0];
 /// Name and type of a topic in the first line, then the type's definition.
 const FILES: [&str; 5] = [
@@ -23,9 +23,9 @@ pub struct RosTopic {
     pub name: &'static str,
     /// Name of the type.
     pub schema: &'static str,
-    /// The type and those it consists of, in ROS' language (ROS 2 Humble and later).
+    /// Definition of the type and of the types in it, in the ROS message language (ROS 2 Humble and later).
     pub definition: &'static str,
-    /// By type, the outermost one without a name: type, name and default of its fields.
+    /// The fields of each type: type, name and default of a field. The key is the type's name, empty for the outermost type.
     types: BTreeMap<&'static str, Vec<[&'static str; 3]>>,
 }
 
@@ -34,12 +34,12 @@ pub fn topics() -> [RosTopic; 5] {
     FILES.map(topic)
 }
 
-/// The topic of a frame's line as text, which recordings have so that `mluc replay` can compare.
+/// The topic of a frame's line as text. Recordings contain it so that `mluc replay` can compare.
 pub fn line_topic() -> RosTopic {
     topic(include_str!("definitions/line.topic"))
 }
 
-/// The topic of what a stage before the refiner publishes, as bytes, which recordings may have so that `mluc replay` can begin behind
+/// The topic for a stage before the refiner: its output as bytes. Recordings may contain it so that `mluc replay` can begin behind
 /// that stage. [`encode_bytes`] makes its messages: a header and elements as they lie in shared memory.
 pub fn stage_topic(stage: Stage) -> RosTopic {
     let name = match stage {
@@ -52,10 +52,10 @@ pub fn stage_topic(stage: Stage) -> RosTopic {
     }
 }
 
-/// Where the bytes of such a message begin: behind its head, a layout without dimensions and their count.
+/// Offset of the bytes in a message of [`encode_bytes`]: after the CDR header, a layout without dimensions and the number of bytes.
 pub const BYTES_AT: usize = 16;
 
-/// A `std_msgs/UInt8MultiArray` of these bytes, one part after the other.
+/// A `std_msgs/UInt8MultiArray` in CDR; its data are the two parts, one after the other.
 pub fn encode_bytes(parts: [&[u8]; 2]) -> Vec<u8> {
     let count = parts.map(<[u8]>::len).iter().sum::<usize>() as u32;
     let numbers = [0, 0, count].map(u32::to_le_bytes);
@@ -82,7 +82,7 @@ fn topic(file: &'static str) -> RosTopic {
 }
 
 impl RosTopic {
-    /// A message in CDR. A field that `message` does not have, or not as its type, is its default, else 0 or empty.
+    /// Encodes a message in CDR. A field that `message` lacks, or has with another type, gets its default, else 0 or an empty value.
     pub fn encode(&self, message: &Value) -> Vec<u8> {
         let mut out = HEAD.to_vec();
         self.put(&mut out, "", "", message);
@@ -119,7 +119,7 @@ impl RosTopic {
     }
 }
 
-/// A number at a multiple of its size.
+/// Appends a number at the next multiple of its size; zeros fill the gap.
 pub(super) fn put_number<const N: usize>(out: &mut Vec<u8>, number: [u8; N]) {
     let at = (out.len() - HEAD.len()).next_multiple_of(N);
     out.resize(at + HEAD.len(), 0);

@@ -1,4 +1,4 @@
-//! What the messages of a frame say. Of the objects, those that are published.
+//! The contents of a frame's messages. They contain only published objects.
 
 use mluc_ipc_types::{Object, Point};
 use serde_json::{Value, json};
@@ -18,8 +18,8 @@ pub fn header(stamp_ns: u64, frame_id: &str) -> Value {
     json!({"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame_id})
 }
 
-/// sensor_msgs/PointCloud2 in CDR; `topic` is the first of [`super::topics`]. A point's field `object` is its object's place among those published;
-/// -1: it has none, or `object_points` (the frame's message, empty where it is gone) does not say.
+/// sensor_msgs/PointCloud2 in CDR; `topic` is the first of [`super::topics`]. A point's field `object` is its object's index among the published
+/// objects; -1: no object, or `object_points` does not name the point. `object_points` is the frame's message, or empty if that is gone.
 pub fn point_cloud(
     topic: &RosTopic,
     header: &Value,
@@ -47,7 +47,7 @@ pub fn point_cloud(
         "header": header, "height": 1, "width": points.len(), "point_step": POINT_BYTES, "row_step": bytes,
         "fields": (0..).zip(names).map(field).collect::<Vec<_>>(),
     }));
-    // In place of no data, and of `is_dense`.
+    // Removes the length of the empty data (4 bytes) and `is_dense` (1 byte); both follow below.
     out.truncate(out.len() - 5);
     out.reserve(bytes + 8);
     put_number(&mut out, (bytes as u32).to_le_bytes());
@@ -77,7 +77,7 @@ pub fn detections(header: &Value, objects: &[Object], classes: &[String]) -> Val
     json!({"header": header, "detections": detections})
 }
 
-/// visualization_msgs/MarkerArray: boxes and labels in the colours of our pictures, after the removal of those before.
+/// visualization_msgs/MarkerArray: removes the previous markers, then adds boxes and labels in the colours of our pictures.
 pub fn markers(header: &Value, objects: &[Object], classes: &[String]) -> Value {
     let [cube, letters, delete_all] = [1u32, 9, 3];
     let mut markers = vec![json!({"header": header, "action": delete_all})];
@@ -99,7 +99,7 @@ pub fn markers(header: &Value, objects: &[Object], classes: &[String]) -> Value 
     json!({"markers": markers})
 }
 
-/// diagnostic_msgs/DiagnosticArray: a status for each name and JSON object, whose `state` and `reason` are its level and message.
+/// diagnostic_msgs/DiagnosticArray: one status per name and JSON object. `state` sets its level; `state` and `reason` are its message.
 pub fn diagnostics(header: &Value, instance: &str, parts: &[(&str, Value)]) -> Value {
     let text = |value: &Value| value.as_str().map_or(value.to_string(), str::to_string);
     let status = |(name, part): &(&str, Value)| {
@@ -120,7 +120,7 @@ pub fn diagnostics(header: &Value, instance: &str, parts: &[(&str, Value)]) -> V
     json!({"header": header, "status": parts.iter().map(status).collect::<Vec<_>>()})
 }
 
-/// tf2_msgs/TFMessage: from the robot's frame to that of `header`. `base_from_sensor` as the run's description has it.
+/// tf2_msgs/TFMessage: from the robot's frame to the frame of `header`. `base_from_sensor` is as in the run's description.
 pub fn transform(header: &Value, base_from_sensor: [f64; 6]) -> Value {
     let [x, y, z, roll, pitch, yaw] = base_from_sensor;
     let place =
@@ -141,7 +141,7 @@ fn pose(center_m: [f32; 3], yaw_rad: f32) -> Value {
     json!({"position": vector(center_m), "orientation": quaternion(0.0, 0.0, yaw_rad.into())})
 }
 
-/// Of Rz(yaw) Ry(pitch) Rx(roll).
+/// Quaternion of the rotation Rz(yaw) Ry(pitch) Rx(roll); angles in rad.
 fn quaternion(roll: f64, pitch: f64, yaw: f64) -> Value {
     let [(sr, cr), (sp, cp), (sy, cy)] = [roll, pitch, yaw].map(|rad| (rad / 2.0).sin_cos());
     json!({

@@ -1,6 +1,6 @@
-//! A frame as ROS 2 messages, without a ROS installation: what recordings hold and viewers show.
+//! A frame as ROS 2 messages for recordings and viewers. No ROS installation is needed.
 //!
-//! A message is JSON by its type's field names, and [`RosTopic::encode`] turns it into CDR; points are too many for that.
+//! A message is JSON with its type's field names; [`RosTopic::encode`] turns it into CDR. Points are too many for JSON.
 //! Geometry stays in the sensor's frame; [`transform`] says where the sensor sits on the robot.
 
 mod cdr;

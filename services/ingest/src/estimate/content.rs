@@ -1,17 +1,17 @@
-//! What the points are as numbers: ranges and their unit, zeros, points that are there twice, intensities.
+//! Statistics of the points' numbers: ranges and their unit, zeros, points that are there twice, intensities.
 
 use mluc_ipc_types::Point;
 
 use super::{SensorEstimate, Unit};
 
-/// Ranges by their exponent and three more bits: eight bins an octave.
+/// Ranges are counted by their exponent and three more bits: eight bins per octave.
 const RANGE_SHIFT: u32 = 20;
 const RANGE_BINS: usize = 1 << (31 - RANGE_SHIFT);
-/// Half of the returns of a sensor lie nearer than some tens of m: above the first number they are in cm, above the second in mm.
+/// Half of the returns of a sensor lie nearer than some tens of m. A median range above the first number is in cm, above the second in mm.
 const UNITS_FROM: [f32; 2] = [200.0, 2_000.0];
-/// Of the points, with intensities above 1: fewer are wrong returns; a guess.
+/// Intensities above 1 in a smaller share of the points are wrong returns; a guess.
 const LOUD_SHARE: f32 = 0.001;
-/// Of the points whose hash ends in so many zero bits, both copies are looked at.
+/// Only points whose hash is a multiple of this are checked for copies.
 const HASH_SHARE: u32 = 64;
 const HASHES: usize = 1 << 13;
 
@@ -30,12 +30,12 @@ pub(super) struct Content {
     intensity_max: f32,
     /// Points with intensities above 1.
     loud: u64,
-    /// Of the last scan.
+    /// Unit estimated with the last scan.
     pub(super) unit: Unit,
 }
 
 impl Content {
-    /// Forgets all scans; makes its memory the first time.
+    /// Forgets all scans; allocates its memory the first time.
     pub(super) fn clear(&mut self) {
         *self = Content {
             ranges: std::mem::take(&mut self.ranges),
@@ -76,7 +76,7 @@ impl Content {
         self.unit = Unit(UNITS_FROM.iter().filter(is_beyond).count());
     }
 
-    /// Whether a hash is there already; it is there afterwards, as long as there is room.
+    /// Whether a hash is in the table already. Adds it, as long as there is room.
     fn is_known(&mut self, hash: u32) -> bool {
         let first = (hash / HASH_SHARE) as usize;
         for step in 0..8 {
@@ -114,14 +114,14 @@ impl Content {
         estimate.unit = self.unit;
         estimate.range_median_m = self.range(0.5) * self.unit.in_m();
         estimate.range_longest_m = self.range(0.999) * self.unit.in_m();
-        // A few wrong returns are no other scale.
+        // A few wrong returns do not show another scale.
         let is_loud = share(self.loud, self.sampled) > LOUD_SHARE;
         let most = if is_loud { f32::MAX } else { 1.0 };
         estimate.intensity_max = self.intensity_max.min(most);
     }
 }
 
-/// Of a point's place; 0 for one at the origin.
+/// Hash of a point's place; 0 for a point at the origin.
 fn hash(point: &Point) -> u32 {
     let [x, y, z] = [point.x_m, point.y_m, point.z_m].map(f32::to_bits);
     let [x, y] = [x.wrapping_mul(0x9E37_79B1), y.wrapping_mul(0x85EB_CA6B)];

@@ -1,23 +1,23 @@
-//! What lies in each direction around the sensor: returns, the farthest one, near ones.
+//! Statistics of each direction around the sensor: returns, the farthest return, near returns.
 
 use std::f32::consts::{PI, TAU};
 
 use mluc_model::{BlindSector, degrees_off};
 use smart_default::SmartDefault;
 
-/// Sectors of 5 degrees, from behind over the right.
+/// Number of sectors of 5 degrees, counted from behind over the right.
 pub const SECTORS: usize = 72;
-/// Degrees of a sector.
+/// Width of a sector, degrees.
 pub(super) const SECTOR_DEG: f32 = 360.0 / SECTORS as f32;
 /// Nearer returns may be of the vehicle itself, m.
 pub(super) const NEAR_M: f32 = 2.5;
-/// Sampled returns of one scan that make a direction one with something near.
+/// The fewest sampled near returns in one scan that show something near in a direction.
 const NEAR_MIN: u16 = 2;
-/// Steps in which the own body's highest elevation is told, degrees.
+/// Steps in which the own body's highest elevation is counted, degrees.
 const TOP_STEP_DEG: f32 = 5.0;
-/// Such steps from straight below to straight above.
+/// Number of such steps from straight down to straight up.
 const TOPS: usize = 36;
-/// The farthest return counts as the end of the range in a direction from this share of the usual end on.
+/// A direction's farthest return counts as the end of the range if it is at least this share of the usual end.
 const END_SHARE: f32 = 0.85;
 
 /// A sector before its first return.
@@ -30,13 +30,13 @@ pub(super) struct Directions {
     counts: [u32; SECTORS],
     #[default([0.0; SECTORS])]
     farthest_m: [f32; SECTORS],
-    /// Returns, near returns and the highest elevation of those, of the scan at hand.
+    /// Returns, near returns, and the highest elevation of the near returns in the current scan.
     #[default([NOTHING; SECTORS])]
     scan: [(u16, u16, f32); SECTORS],
-    /// Scans with returns: the first turn of a capture is a part.
+    /// Number of scans with returns. It may differ between sectors: the first turn of a capture is incomplete.
     #[default([0; SECTORS])]
     scans: [u16; SECTORS],
-    /// Scans with something near, by the step of its top.
+    /// Number of scans with something near, by the step of its highest elevation.
     #[default([[0; TOPS]; SECTORS])]
     near_scans: [[u16; TOPS]; SECTORS],
 }
@@ -47,7 +47,7 @@ pub fn direction_rad(sector: usize) -> f32 {
 }
 
 impl Directions {
-    /// A return at x, y, z, so far away (m); the ground is none that is near.
+    /// Adds a return at x, y, z and its range (m). The ground does not count as something near.
     pub(super) fn add(&mut self, [x_m, y_m, z_m]: [f32; 3], range_m: f32, is_ground: bool) {
         let sector = (y_m.atan2(x_m) + PI) / TAU * SECTORS as f32;
         let sector = (sector as usize).min(SECTORS - 1);
@@ -61,7 +61,7 @@ impl Directions {
         }
     }
 
-    /// The scan is complete.
+    /// Ends the scan.
     pub(super) fn end_scan(&mut self) {
         for (sector, found) in self.scan.iter_mut().enumerate() {
             let (returns, near, top_deg) = std::mem::replace(found, NOTHING);
@@ -75,13 +75,13 @@ impl Directions {
     pub(super) fn is_empty(&self, sector: usize) -> bool {
         let mut counts = self.counts;
         counts.sort_unstable();
-        // Of a sensor that looks ahead alone, more than half are empty.
+        // More than half of the sectors are empty where a sensor looks only ahead: they are left out of the median.
         let filled = counts.iter().position(|count| *count > 0);
         let median = filled.map_or(0, |first| counts[(first + SECTORS) / 2]);
         self.counts[sector] * 10 <= median
     }
 
-    /// Middle and width of the field, degrees: what the largest gap leaves.
+    /// Middle and width of the field, degrees: everything except the largest gap.
     pub(super) fn field_deg(&self) -> [f32; 2] {
         let (mut gap, mut gap_end, mut run) = (0, 0, 0);
         for step in 0..2 * SECTORS {
@@ -113,13 +113,13 @@ impl Directions {
         (end, near_it as f32 / ends.len() as f32)
     }
 
-    /// Degrees of the directions in which every scan has something near; 0 of fewer than three scans.
+    /// Degrees of the directions in which every scan has something near; 0 after fewer than three scans.
     pub(super) fn own_body_deg(&self) -> f32 {
         let stays = (0..SECTORS).filter(|sector| self.own_body_top_deg(*sector).is_some());
         stays.count() as f32 * SECTOR_DEG
     }
 
-    /// Where every scan has something near, three at least, its top: the median of the scans, since others pass by.
+    /// Highest elevation of what is near in every scan, of at least three, degrees: the median of the scans, since other objects pass by.
     fn own_body_top_deg(&self, sector: usize) -> Option<f32> {
         let (near, scans) = (&self.near_scans[sector], self.scans[sector]);
         let most = self.scans.iter().max().copied().unwrap_or(0);
@@ -134,8 +134,8 @@ impl Directions {
         Some((median? + 1) as f32 * TOP_STEP_DEG - 90.0)
     }
 
-    /// What the own body hides inside of the field: directions with something near in every scan, up to its top, and
-    /// directions without returns. Neighbours that are hidden alike are one sector.
+    /// What the own body hides inside of the field: directions with something near in every scan, up to its highest elevation, and
+    /// whole directions without returns. Neighbours with the same highest elevation are one sector.
     pub(super) fn blind(&self) -> Vec<BlindSector> {
         let [middle_deg, width_deg] = self.field_deg();
         let below_deg: [_; SECTORS] = std::array::from_fn(|sector| {
@@ -158,7 +158,7 @@ impl Directions {
         alike.collect()
     }
 
-    /// Returns that count for a sector.
+    /// Number of returns in each sector.
     pub(super) fn counts(&self) -> &[u32; SECTORS] {
         &self.counts
     }

@@ -1,21 +1,21 @@
-//! Where the ground is: the plane that most of the tiles' lowest points share.
+//! Finds the ground: the plane that the lowest points of most tiles share.
 
 use mluc_geometry::ground::{GroundPlane, Lowest};
 
-/// Tiles farther than this from the sensor have no say, m.
+/// Tiles farther than this from the sensor are ignored, m.
 const RADIUS_M: f64 = 20.0;
-/// All tiles of that square.
+/// The most tiles in the square with this half side.
 const TILES_MAX: usize = 1764;
-/// Slopes that are tried first: 17 degrees to each side.
+/// Steps of slope that are tried first: up to 17 degrees to each side.
 const SLOPE_STEPS: i32 = 6;
-/// And heights, m: a sensor may hang upside down.
+/// Heights that are tried first, m: a sensor may hang upside down.
 const Z_M: std::ops::Range<f32> = -9.0..9.0;
 const Z_STEP_M: f32 = 0.15;
-/// Tiles this near the last plane carry the next, m.
+/// Largest distances from the last plane, m: the next plane is fitted to the tiles within them.
 const BANDS_M: [f64; 4] = [0.35, 0.25, 0.2, 0.15];
 
-/// A floor below a roof: this share of the tiles below the sensor, and so many for each tile of the roof; fewer below one that
-/// is too high to be the ground of a scan that is upside down, m. Guesses.
+/// A floor below a roof is the ground if it has the first share of the tiles below the sensor, and the second number of tiles per tile of the roof.
+/// Below a roof higher than the third, m, which is too high to be the ground of an upside-down scan, the last replaces the second. Guesses.
 const FLOOR_SHARE: f32 = 0.4;
 const FLOOR_TILES: f32 = 0.8;
 const HIGH_ROOF_M: f32 = 3.2;
@@ -25,14 +25,14 @@ const FLOOR_TILES_BELOW_HIGH_ROOF: f32 = 0.3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Level {
     pub(super) plane: GroundPlane,
-    /// Share of the tiles that lie on it.
+    /// Share of the tiles that lie on the plane.
     pub(super) share: f32,
-    /// How many tiles these are.
+    /// Number of these tiles.
     tiles: usize,
 }
 
 impl Level {
-    /// At the sensor, m.
+    /// Height of the plane at the sensor, m.
     pub(super) fn z_m(&self) -> f32 {
         self.plane.z_m as f32
     }
@@ -68,8 +68,8 @@ impl LevelFinder {
         })
     }
 
-    /// The ground of scans whose z should point up: of a floor and a roof it is the floor. In scans that are upside down the
-    /// uppermost beams end on less than the ground's area.
+    /// The ground of scans whose z should point up. Of a floor and a roof it is the floor. In an upside-down scan the uppermost beams
+    /// hit a smaller area than the ground's.
     pub(super) fn below(
         &mut self,
         points: impl Iterator<Item = [f32; 3]> + Clone,
@@ -107,7 +107,7 @@ mod tests {
         assert!((z_m + 0.8).abs() < 0.1, "{level:?}");
         assert!((x - 0.17).abs() < 0.01 && (y + 0.05).abs() < 0.01);
         assert_eq!(finder.find([[f32::NAN; 3]].into_iter()), None);
-        // Below a roof that more beams see than the floor.
+        // A floor below a roof that more beams see.
         let roof = (0..10_000).map(point).map(|[x, y, _]| [x, y, 4.0]);
         let floor = (0..10_000)
             .map(point)

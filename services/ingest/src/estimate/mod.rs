@@ -1,7 +1,7 @@
-//! What a sensor is and how it is mounted, estimated from its scans: for `mluc doctor --input`, `mluc-lab sensor`, and the [`crate::Guard`].
+//! Estimates what a sensor is and how it is mounted, from its scans: for `mluc doctor --input`, `mluc-lab sensor`, and the [`crate::Guard`].
 //!
-//! An [`Estimator`] looks at scans and keeps sums and histograms, whose memory is made once. It can tell neither left from right (y mirrored) nor ahead
-//! from aside (a turn about z): a scan in a strange place looks the same.
+//! An [`Estimator`] looks at scans and keeps sums and histograms; it allocates their memory once. It cannot detect that y is mirrored or that the scan
+//! is turned about z: a scan in an unknown place looks the same.
 
 mod content;
 mod directions;
@@ -25,80 +25,80 @@ pub use profile::Nearest;
 use step::StepVotes;
 pub use view::View;
 
-/// Sums that need no full count take every so-maniest point: no multiple of a number of beams.
+/// Sums that need no full count take one point in this many; it is no multiple of a number of beams.
 const SAMPLE: usize = 7;
-/// Beams that an estimate holds.
+/// The most beams in an estimate.
 const BEAMS_MAX: usize = 256;
-/// Fewer are no spinning sensor's.
+/// A spinning sensor has at least this many beams.
 const BEAMS_MIN: f32 = 4.0;
-/// Peaks are beams where they are at least this share of the returns of a column: else they are smeared.
+/// Peaks are beams if their number is at least this share of the returns per column; else they are smeared.
 const CLEAR_SHARE: f32 = 0.72;
-/// Peaks of several scans together are beams where they are this share of those of a single scan.
+/// Peaks of all scans together are beams if their number is at least this share of the number in single scans.
 const STAYING_SHARE: f32 = 0.85;
-/// Scans of which more than sums is kept.
+/// The most scans whose peaks and ground are kept; further scans only add to sums.
 const SCANS_MAX: usize = 64;
-/// A plane is the ground from this share of tiles on.
+/// A plane is the ground if at least this share of the tiles lies on it.
 const GROUND_SHARE_MIN: f32 = 0.18;
-/// So near the plane a return is of the ground, m.
+/// A return this near the plane is on the ground, m.
 const ON_GROUND_M: f32 = 0.25;
-/// Below this share the ground is looked for along the other axes too; there it must have this share, and so many times the first.
+/// Below this share, the ground is searched along the other axes too. There it needs the share below, and the factor below times the share along z.
 const LEVEL_SHARE_POOR: f32 = 0.35;
 const OTHER_AXIS_SHARE_MIN: f32 = 0.25;
 const OTHER_AXIS_GAIN: f32 = 1.5;
-/// Sensors hang no lower and no higher, m; for axes alone.
+/// Heights at which sensors are mounted, m; used only to find the axis that points up and a lost ground.
 const HEIGHT_M: std::ops::Range<f32> = 0.15..5.0;
 
-/// The unit of the coordinates as they came: m, cm or mm.
+/// The unit in which the coordinates came: m, cm or mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Unit(usize);
 
 impl Unit {
-    /// In m.
+    /// Length of the unit in m.
     pub fn in_m(self) -> f32 {
         [1.0, 0.01, 0.001][self.0]
     }
 
-    /// `m`, `cm`, `mm`.
+    /// Name of the unit: `m`, `cm` or `mm`.
     pub fn name(self) -> &'static str {
         ["m", "cm", "mm"][self.0]
     }
 }
 
-/// Which axis points up: z (as it should be), x or y, each followed by its opposite.
+/// The axis that points up: z (as expected), x or y, each followed by its opposite.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Up(usize);
 
 impl Up {
-    /// `z`, `-z` and so on.
+    /// Name of the axis: `z`, `-z` and so on.
     pub fn name(self) -> &'static str {
         ["z", "-z", "x", "-x", "y", "-y"][self.0]
     }
 }
 
-/// What some scans say of their sensor. Lengths are in m, whatever unit the scans came in.
+/// What some scans show of their sensor. Lengths are in m, whatever unit the scans came in.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SensorEstimate {
     /// Scans that were looked at.
     pub scans: u32,
-    /// Points a scan, finite or not.
+    /// Points per scan, finite or not.
     pub points: u32,
     /// Share of points that are not finite.
     pub not_finite_share: f32,
     /// Share of points at the origin.
     pub zero_share: f32,
-    /// Share of points that are there twice.
+    /// Share of points that are copies of other points.
     pub duplicate_share: f32,
     /// Unit of the coordinates.
     pub unit: Unit,
-    /// Which axis points up.
+    /// The axis that points up.
     pub up: Up,
-    /// Beams; where they are not clear, the returns of a column.
+    /// Number of beams; where they are not clear, the returns per column.
     pub beams: u32,
-    /// Whether elevations have a peak for every beam: not so where several sensors are merged, or beams begin in different points.
+    /// Whether elevations have a peak for every beam: not so where several sensors are merged, or beams begin at different points.
     pub are_beams_clear: bool,
-    /// Elevations with a peak, degrees, from the top down.
+    /// Elevations that have a peak, degrees, from the top down.
     pub elevations_deg: Vec<f32>,
-    /// Between neighbouring columns, degrees.
+    /// Azimuth between neighbouring columns, degrees.
     pub azimuth_step_deg: Option<f32>,
     /// Elevations of the uppermost and the lowest returns, degrees.
     pub vertical_field_deg: [f32; 2],
@@ -108,24 +108,24 @@ pub struct SensorEstimate {
     pub range_median_m: f32,
     /// Range below which 99.9 % of the returns lie, m.
     pub range_longest_m: f32,
-    /// Where most directions end, m, and the share of directions that do.
+    /// Where the range ends, m: the 95th percentile of the farthest returns in all directions.
     pub range_end_m: f32,
-    /// See [`SensorEstimate::range_end_m`].
+    /// Share of the directions that end about there; see [`SensorEstimate::range_end_m`].
     pub range_end_share: f32,
     /// The largest intensity.
     pub intensity_max: f32,
     /// Height of the sensor above the ground, m; `None`: no ground found.
     pub height_m: Option<f32>,
-    /// Positive looks down, degrees.
+    /// Pitch, degrees; positive looks down.
     pub pitch_deg: f32,
-    /// Positive sinks to the right, degrees.
+    /// Roll, degrees; positive sinks to the right.
     pub roll_deg: f32,
     /// Degrees of the directions in which something near stays over all scans: the robot itself.
     pub own_body_deg: f32,
 }
 
 impl SensorEstimate {
-    /// Angle between the sensor's axis and the ground's, degrees.
+    /// Angle between the sensor's axis and the normal of the ground, degrees.
     pub fn tilt_deg(&self) -> f32 {
         self.pitch_deg.hypot(self.roll_deg)
     }
@@ -139,10 +139,10 @@ impl SensorEstimate {
     }
 }
 
-/// From the scan's axes to those seen with another one up.
+/// Turns a point from the scan's axes to axes with another one up.
 type Turn = fn([f32; 3]) -> [f32; 3];
 
-/// Looks at scans.
+/// Estimates a sensor from scans.
 #[derive(Clone, Debug)]
 pub struct Estimator {
     content: Content,
@@ -150,20 +150,20 @@ pub struct Estimator {
     directions: Directions,
     steps: StepVotes,
     finder: LevelFinder,
-    /// Of each scan that has a ground: height (m), pitch, roll (degrees).
+    /// Height (m), pitch and roll (degrees) of each scan that has a ground.
     grounds: [Vec<f64>; 3],
-    /// Of each scan: peaks of its elevations.
+    /// Number of elevation peaks of each scan.
     peaks: Vec<f64>,
-    /// Scans by the axis that points up.
+    /// Number of scans for each axis that points up.
     ups: [u32; 6],
-    /// Of the scan at hand.
+    /// Elevations of the current scan.
     scan_elevations: Elevations,
     scan_beams_deg: Vec<f32>,
     estimate: SensorEstimate,
 }
 
 impl Estimator {
-    /// All memory is made here.
+    /// Allocates all memory.
     #[allow(clippy::new_without_default)]
     pub fn new() -> Estimator {
         let mut content = Content::default();
@@ -203,12 +203,12 @@ impl Estimator {
         &self.elevations
     }
 
-    /// What the robot's own body hides, for a profile.
+    /// Directions that the robot's own body hides, for a profile.
     pub fn blind(&self) -> Vec<BlindSector> {
         self.directions.blind()
     }
 
-    /// Looks at a scan: its finite points, and how many more were none. About 5 ms for 120,000 points.
+    /// Looks at a scan: its finite points, and the number of points that were not finite. About 5 ms for 120,000 points.
     pub fn look(&mut self, points: &[Point], not_finite: u32) {
         self.content.add_scan(points, not_finite, SAMPLE);
         let scale = self.content.unit.in_m();
@@ -221,7 +221,7 @@ impl Estimator {
             let [x, y, z] = at(point);
             let distance = (x * x + y * y).sqrt();
             let range_m = (distance * distance + z * z).sqrt();
-            // Near returns may be of the robot; those of the ground are not.
+            // Near returns may come from the robot, except those on the ground.
             let is_near = range_m < NEAR_M;
             let above_m = || level.map_or(z, |l| l.plane.above_m([x, y, z]) as f32);
             let on_m = if is_near { above_m() } else { 0.0 };
@@ -246,7 +246,7 @@ impl Estimator {
         self.estimate.scans += 1;
     }
 
-    /// Which way is up, and the plane of the ground, seen so.
+    /// The axis that points up, and the plane of the ground in axes turned that way.
     fn look_for_ground(
         &mut self,
         points: impl Iterator<Item = [f32; 3]> + Clone,
@@ -273,11 +273,11 @@ impl Estimator {
         let (up, level) = best;
         let level = level.filter(|level| level.share >= GROUND_SHARE_MIN);
         let is_above = level.is_some_and(|level| level.z_m() > HEIGHT_M.start);
-        // A ground above the sensor: the opposite axis points up.
+        // A ground above the sensor means that the opposite axis points up.
         (Up(up.0 ^ usize::from(is_above)), level)
     }
 
-    /// The step between columns, along a few beams that lie apart from others and meet the ground far enough below the sensor.
+    /// Votes for the step between columns, along a few beams that are apart from others and meet the ground far enough from the sensor.
     fn look_along_beams(&mut self, points: &[Point], scale: f32, height_m: f32) {
         let lowest_deg = -(height_m / NEAR_M).min(1.0).asin().to_degrees();
         let far = self.scan_beams_deg.partition_point(|deg| *deg > lowest_deg);
@@ -300,10 +300,10 @@ impl Estimator {
         }
     }
 
-    /// What the scans since [`Estimator::clear`] say.
+    /// The estimate from the scans since [`Estimator::clear`].
     pub fn estimate(&mut self) -> &SensorEstimate {
         let estimate = &mut self.estimate;
-        // The upright one of equals.
+        // Of equal counts the first axis wins: z before the others.
         let most = (0..self.ups.len()).rev().max_by_key(|up| self.ups[*up]);
         estimate.up = Up(most.unwrap_or(0));
         let [height_m, others @ ..] = self.grounds.each_mut().map(|values| median(values));
@@ -320,7 +320,7 @@ impl Estimator {
         &self.estimate
     }
 
-    /// Peaks of the elevations, held against the returns of a column and those of single scans.
+    /// Compares the elevation peaks with the returns per column and with the peaks of single scans.
     fn count_beams(&mut self) {
         let estimate = &mut self.estimate;
         self.elevations.find(&mut estimate.elevations_deg);
@@ -329,11 +329,11 @@ impl Estimator {
         counts.sort_unstable();
         let many = counts[SECTORS * 9 / 10] as usize * SAMPLE;
         let many = many as f32 / estimate.scans.max(1) as f32;
-        // A point that is there twice is one return.
+        // A point and its copy are one return.
         let many = many * (1.0 - estimate.duplicate_share);
         let column = estimate.azimuth_step_deg;
         let column = column.map_or(0.0, |step| many * step / SECTOR_DEG);
-        // Beams whose returns move from scan to scan have peaks in single scans alone.
+        // Beams whose returns move from scan to scan have peaks in single scans only.
         let of_scans = median(&mut self.peaks).unwrap_or(0.0);
         let (best, whole) = (peaks.max(of_scans), CLEAR_SHARE * column);
         let has_peaks = best >= BEAMS_MIN && best >= whole;
@@ -350,7 +350,7 @@ fn mounting(level: &Level) -> [f32; 3] {
     [height_m, pitch_deg, roll_deg]
 }
 
-/// The median of values, which it sorts.
+/// The median of the values; sorts them.
 fn median(values: &mut [f64]) -> Option<f32> {
     values.sort_unstable_by(f64::total_cmp);
     quantile(values, 0.5).map(|value| value as f32)

@@ -1,34 +1,34 @@
-//! An estimate and the profiles of real products.
+//! Compares an estimate with the profiles of real products, and makes a profile from the estimate.
 
 use mluc_model::SensorProfile;
 
 use super::SensorEstimate;
 
-/// Where scans do not show them: where no return is nearer, what a range is off, how far columns are apart. Guesses.
+/// Used where scans do not show them: shortest range, noise of a range, angle between columns. Guesses.
 const RANGE_SHORTEST_M: f32 = 0.5;
 const RANGE_NOISE_M: f32 = 0.02;
 const AZIMUTH_STEP_DEG: f32 = 0.2;
 
-/// Beams this near a product's are of it, degrees; a guess.
+/// The sensor can be a product if its beams are this near to the product's, degrees; a guess.
 const PRODUCT_DEG: f32 = 0.1;
 
-/// Products whose distances differ by less are alike.
+/// Products are alike if their distances differ by less than this.
 const ALIKE_DEG: f32 = 0.005;
 
-/// See [`SensorEstimate::nearest`].
+/// Result of [`SensorEstimate::nearest`].
 #[derive(Clone, Debug)]
 pub struct Nearest {
-    /// Of the products that are alike.
+    /// Names of the products that are alike.
     pub names: Vec<&'static str>,
-    /// Of the first of them.
+    /// Profile of the first of these products.
     pub profile: SensorProfile,
-    /// [`SensorEstimate::distance_deg`].
+    /// Distance to this profile, degrees; see [`SensorEstimate::distance_deg`].
     pub distance_deg: f32,
 }
 
 impl SensorEstimate {
-    /// How far the beams lie from a profile's, degrees: the mean of both ways to the nearest; the profile's beams above the found field have no say (they
-    /// see the sky), lines that wave have no peaks. `None` where there is nothing to compare.
+    /// Distance from a profile's beams, degrees: the mean distance to the nearest beam, in both directions. It leaves out the profile's beams above
+    /// the found field, which see the sky. Lines that wave have no peaks. `None` where there is nothing to compare.
     pub fn distance_deg(&self, profile: &SensorProfile) -> Option<f32> {
         let has_peaks = profile.units.len() < 2 && profile.wave.is_none();
         if self.elevations_deg.is_empty() || !has_peaks {
@@ -48,7 +48,7 @@ impl SensorEstimate {
         Some((there + back) / 2.0)
     }
 
-    /// The products whose beams lie nearest: several where they are alike.
+    /// The products whose beams lie nearest; more than one where products are alike.
     pub fn nearest(&self) -> Option<Nearest> {
         let mut best: Option<Nearest> = None;
         let measured = SensorProfile::names().filter_map(|name| {
@@ -71,14 +71,14 @@ impl SensorEstimate {
         best
     }
 
-    /// The products that it can be.
+    /// The products that this sensor can be.
     pub fn product(&self) -> Option<Nearest> {
         let near = self.nearest().filter(|_| self.are_beams_clear);
         near.filter(|near| near.distance_deg < PRODUCT_DEG)
     }
 
-    /// A profile of this sensor: of clear beams the peaks; else as many as a column has returns, evenly over the vertical field. The noise of its ranges (m)
-    /// is for the caller.
+    /// A profile of this sensor. Its beams are the peaks where beams are clear, else as many as the returns per column, evenly spread over the vertical
+    /// field. The caller can give the noise of its ranges, m.
     pub fn profile(&self, name: &str, range_noise_m: Option<f32>) -> SensorProfile {
         let [top, bottom] = self.vertical_field_deg;
         let beams = self.beams.max(1);
@@ -95,7 +95,7 @@ impl SensorEstimate {
             (self.azimuth_step_deg.is_none(), "azimuth_step_deg"),
         ];
         let unseen: Vec<&str> = unseen.iter().filter(|u| u.0).map(|u| u.1).collect();
-        // What scans do not show, or not in every place: as a product with the same beams has it.
+        // Scans do not show everything, or not in every place: the rest comes from a product with the same beams.
         let product = self.product().map(|near| near.profile);
         let longest_m = self.range_longest_m.clamp(5.0, 500.0);
         let noise_m = range_noise_m.or(product.as_ref().map(|p| p.range_noise_m));

@@ -1,16 +1,16 @@
-//! Azimuth between two columns: the commonest distance of neighbouring returns along a beam.
+//! Azimuth between two columns: the most frequent distance between neighbouring returns along a beam.
 
 use smart_default::SmartDefault;
 
-/// Returns of a beam that are looked at.
+/// The most returns per beam that are used.
 const RETURNS_MAX: usize = 4096;
-/// Fewer say nothing.
+/// A beam with fewer returns gives no votes.
 const RETURNS_MIN: usize = 60;
 /// Histogram of distances, degrees.
 const BIN_DEG: f32 = 0.01;
 const BINS: usize = 150;
 
-/// Collects azimuths of one beam, and votes over beams and scans.
+/// Collects the azimuths of one beam, and sums votes over beams and scans.
 #[derive(Clone, Debug, SmartDefault)]
 pub(super) struct StepVotes {
     #[default(Vec::with_capacity(RETURNS_MAX))]
@@ -25,20 +25,20 @@ impl StepVotes {
         self.votes.fill(0);
     }
 
-    /// A return of the beam at hand.
+    /// Adds a return of the current beam.
     pub(super) fn add(&mut self, x_m: f32, y_m: f32) {
         if self.azimuths_deg.len() < RETURNS_MAX {
             self.azimuths_deg.push(y_m.atan2(x_m).to_degrees());
         }
     }
 
-    /// The beam's scan is complete.
+    /// Ends the beam: its neighbouring returns vote.
     pub(super) fn end_beam(&mut self) {
         if self.azimuths_deg.len() >= RETURNS_MIN {
             self.azimuths_deg.sort_unstable_by(f32::total_cmp);
             for pair in self.azimuths_deg.windows(2) {
                 let bin = ((pair[1] - pair[0]) / BIN_DEG) as usize;
-                // The same column twice is no distance.
+                // Two returns of the same column show no step.
                 if (3..BINS).contains(&bin) {
                     self.votes[bin] += 1;
                 }
@@ -47,7 +47,7 @@ impl StepVotes {
         self.azimuths_deg.clear();
     }
 
-    /// Degrees; `None` where no beam had enough returns.
+    /// The step, degrees; `None` where too few returns voted.
     pub(super) fn step_deg(&self) -> Option<f32> {
         let sums = self.votes.windows(3).map(|three| three.iter().sum::<u32>());
         let sums = sums.enumerate();

@@ -1,27 +1,27 @@
-//! What a sensor still sees of its surroundings: directions that lost their returns (dirt, a cover, a cut cable), and whether
-//! the ground is there. It needs no full look: every seventh point of a few scans a second.
+//! Watches what a sensor sees of its surroundings: the directions that lost their returns (dirt, a cover, a cut cable), and whether
+//! the ground is visible. It needs no full look: every seventh point of a few scans per second.
 
 use mluc_ipc_types::{Point, Status};
 use mluc_model::{SensorProfile, degrees_off};
 
 use super::{GROUND_SHARE_MIN, HEIGHT_M, SAMPLE, level::LevelFinder};
 
-/// Looks in a row without something before it counts as lost.
+/// Looks in a row that must miss something before it counts as lost.
 const LOOKS: u8 = 3;
-/// A sector with a smaller share of its usual returns has none; 16 beams over open ground keep three tenths.
+/// A sector has no returns if it has a smaller share of its usual returns than this; 16 beams over open ground keep three tenths.
 const LEFT_SHARE: f32 = 0.1;
-/// How fast the usual number follows.
+/// Weight of the newest look in the usual number.
 const FOLLOW: f32 = 0.1;
-/// Nearer returns are of a cover, where no profile says how near the sensor measures, m. A guess.
+/// Nearer returns come from a cover, where no profile gives the sensor's shortest range, m. A guess.
 const RANGE_MIN_M: f32 = 0.3;
 const SECTOR_DEG: f32 = 360.0 / Status::SECTORS as f32;
 
-/// Something that was there and may be lost.
+/// Something that was visible and may be lost.
 #[derive(Clone, Copy, Debug, Default)]
 struct Kept {
-    /// Its usual size; 0: never seen.
+    /// Its usual size; 0 until it was seen.
     usual: f32,
-    /// Looks that found it, up to [`LOOKS`]: one stray return is no sight.
+    /// Looks that found it, up to [`LOOKS`]; one stray return does not count as seen.
     seen: u8,
     missed: u8,
 }
@@ -50,21 +50,21 @@ impl Kept {
     }
 }
 
-/// Looks at some of a run's scans.
+/// Looks at some of the scans of a run.
 #[derive(Clone, Debug)]
 pub struct View {
     sectors: [Kept; Status::SECTORS],
     ground: Kept,
-    /// Up to [`LOOKS`].
+    /// Number of looks, up to [`LOOKS`].
     looks: u8,
     finder: LevelFinder,
-    /// Sectors that the profile says the sensor sees; without one those that had returns in this run.
+    /// Sectors that the sensor sees by its profile; without a profile, the sectors that had returns in this run.
     field: Option<u64>,
     range_min_m: f32,
 }
 
 impl View {
-    /// All memory is made here.
+    /// Allocates all memory.
     pub fn new(sensor: Option<&SensorProfile>) -> View {
         View {
             sectors: [Kept::default(); Status::SECTORS],
@@ -109,17 +109,17 @@ impl View {
         self.field.unwrap_or_else(seen)
     }
 
-    /// No direction ever had returns.
+    /// Whether no direction ever had returns.
     pub fn sees_nothing(&self) -> bool {
         self.looks >= LOOKS && self.bits(|kept| kept.seen > 0) == 0
     }
 
-    /// Of those, the ones without returns.
+    /// The expected sectors that have no returns, as bits.
     pub fn blind(&self) -> u64 {
         self.expected() & self.bits(Kept::is_lost)
     }
 
-    /// Whether the ground was there and is not any more.
+    /// Whether the ground was seen and is not seen any more.
     pub fn is_ground_lost(&self) -> bool {
         self.ground.is_usual() && self.ground.is_lost()
     }
@@ -130,7 +130,7 @@ impl View {
     }
 }
 
-/// Sectors that lie in the profile's field as a whole, and in which the own body leaves the horizon free.
+/// Sectors that lie in the profile's field as a whole, and in which the robot's own body does not hide the horizon.
 fn field(sensor: &SensorProfile) -> u64 {
     let [middle_deg, width_deg] = sensor.field_deg.unwrap_or([0.0, 360.0]);
     let units = sensor.units.iter().map(|unit| unit.yaw_deg);
@@ -154,7 +154,7 @@ mod tests {
     use super::*;
     use mluc_model::{BlindSector, SensorUnit};
 
-    /// Rings on the ground below the sensor in the sectors `from..to`.
+    /// Rings on the ground below the sensor, in the sectors `from..to`.
     fn ring(from: usize, to: usize) -> Vec<Point> {
         let degrees =
             (from as f32 * SECTOR_DEG * 4.0) as usize..(to as f32 * SECTOR_DEG * 4.0) as usize;
@@ -199,7 +199,7 @@ mod tests {
         assert_eq!(looked(&mut view, &covered), (0xf0, false));
         view.look(&whole);
         assert_eq!(view.blind(), 0);
-        // What the tape gives back is no sight.
+        // Returns from a near cover do not count as returns.
         let near = |p: &Point| [p.x_m * 0.005, p.y_m * 0.005, 0.0, p.intensity];
         let tape: Vec<Point> = whole.iter().map(|p| bytemuck::cast(near(p))).collect();
         assert_eq!(looked(&mut view, &tape), ((1 << 36) - 1, true));
@@ -225,7 +225,7 @@ mod tests {
             ..ahead.clone()
         };
         assert_eq!(View::new(Some(&mast)).expected().count_ones(), 10);
-        // 30 to 150 degrees to each side.
+        // The units see 30 to 150 degrees to each side.
         let unit = |yaw_deg| SensorUnit {
             yaw_deg,
             ..SensorUnit::default()

@@ -1,4 +1,4 @@
-//! `mluc demo`: the whole pipeline, four processes, on the user's scans or on those that the program brings along, for people.
+//! `mluc demo`: the whole pipeline, four processes, on the user's scans or on the bundled ones, with output for people.
 
 use std::{path::Path, process::ExitCode};
 
@@ -18,7 +18,7 @@ use crate::{bundled::BundledScans, cli::PipelineArgs, piped::Piped};
 pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");
     let _piped = Piped::take(&mut args.input)?;
-    // From here on a signal leaves nothing behind.
+    // From here on the program cleans up after a signal.
     let shutdown = Shutdown::on_signals()?;
     let is_own = args.input.is_none() && args.config.is_none();
     let bundled = is_own.then(|| BundledScans::write("demo")).transpose()?;
@@ -40,7 +40,7 @@ pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<Exi
     };
     let (outcome, dropped) = run(args, settings, shutdown, &mut shown)?;
     let is_read = dropped? == 0;
-    // Who does not read standard output is not waited for.
+    // If nobody reads standard output, the text goes to standard error.
     let say = |text: String| {
         if is_read {
             return print_out(text);
@@ -70,11 +70,11 @@ struct Shown {
     summary: Summary,
 }
 
-/// The frame with the most and surest unknown objects.
+/// The frame whose unknown objects have the largest sum of scores.
 struct Best {
     name: String,
     points: Vec<Point>,
-    /// Sum of their scores.
+    /// Sum of the scores of its unknown objects.
     unknown: f32,
     boxes: Vec<DrawnBox>,
 }

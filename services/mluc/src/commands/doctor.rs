@@ -22,7 +22,7 @@ use crate::{cli::DoctorArgs, external::external, model, piped::Piped, settings::
 /// A pipeline makes a few hundred files in shared memory; a process of it has at most as many open.
 const FILES_MIN: u64 = 1000;
 
-/// How a check came out, and what there is to say.
+/// The verdict of a check, and its text.
 type Finding = (Verdict, String);
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -32,7 +32,7 @@ enum Verdict {
     Failure,
 }
 
-/// `open`: of a program that knows more inputs than `mluc`.
+/// `open`: opens the input, for a program that knows more inputs than `mluc`.
 pub fn doctor(args: &DoctorArgs, open: Option<Open>) -> anyhow::Result<ExitCode> {
     if open.is_none() && args.input.as_deref().and_then(ros2_topic).is_some() {
         return external("mluc-ros2", &["doctor"]);
@@ -90,7 +90,7 @@ fn describe_model(model: &Model, name: &str) -> Finding {
     (Fine, text)
 }
 
-/// What all topics take when every slot is in use.
+/// Bytes of all topics when every slot is in use.
 fn needed_bytes(model: &Model) -> u64 {
     let network = &model.manifest.network;
     let cells = network.map_shape().iter().product();
@@ -156,7 +156,7 @@ fn check_governor() -> Finding {
     }
 }
 
-/// What the processor multiplies with, and which precision the default, `auto`, takes there for this model.
+/// The instruction set of the processor, and the precision that the default, `auto`, chooses there for this model.
 fn check_processor(model: Option<&Model>) -> Finding {
     let level = Level::best().name();
     if level == "portable" {
@@ -169,7 +169,7 @@ fn check_processor(model: Option<&Model>) -> Finding {
     (Fine, format!("processor: {level}{chosen}"))
 }
 
-/// What this user may ask the kernel for.
+/// The rights of this user: real-time priority and locked memory.
 fn check_rights() -> Finding {
     let limit = |resource| getrlimit(resource).current;
     let memory = match limit(Resource::Memlock) {
@@ -191,7 +191,7 @@ fn check_rights() -> Finding {
     (Fine, text)
 }
 
-/// `None`: no limit.
+/// `most`: the limit of open files; `None`: no limit.
 fn check_open_files(most: Option<u64>) -> Finding {
     let count = most.map_or("any number".to_string(), |most| most.to_string());
     let text = format!("open files (ulimit -n): {count}");
@@ -202,7 +202,7 @@ fn check_open_files(most: Option<u64>) -> Finding {
     (Warning, format!("{text}; {hint}"))
 }
 
-/// Instances in which nobody lives, those of another version, and files of none.
+/// Instances without a process, running instances and their version, and files that belong to no instance.
 fn check_instances() -> Vec<Finding> {
     let stem = format!("mluc-{}-", rustix::process::geteuid().as_raw());
     let entries = fs::read_dir("/dev/shm").into_iter().flatten().flatten();

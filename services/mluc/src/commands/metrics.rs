@@ -1,13 +1,13 @@
-//! What a monitor counts, in Prometheus' text format (version 0.0.4).
+//! The metrics of `mluc monitor`, in Prometheus' text format (version 0.0.4).
 
 use mluc_ipc_types::{Stage, Status, StatusState};
 
 use super::observe::Snapshot;
 
-/// A metric for each line: name, type, meaning.
+/// One metric per line: name, type, meaning.
 const METRICS: &str = include_str!("metrics.txt");
 
-/// The page. Labels are words of ours: nothing in them needs an escape.
+/// The page. Labels are fixed words: nothing in them needs an escape.
 pub(super) fn metrics(snapshot: &Snapshot) -> String {
     let mut samples = Vec::new();
     of_pipeline(snapshot, &mut samples);

@@ -1,4 +1,4 @@
-//! The subcommands; those of a few lines stand here.
+//! The subcommands; the short ones are in this file.
 
 mod demo;
 mod doctor;
@@ -38,7 +38,7 @@ pub(crate) fn config(prints: bool, pipeline: PipelineArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// `mluc reload`: asks the supervisor for a look at its settings, and says what came of it.
+/// `mluc reload`: requests the supervisor to read its settings again, and prints the result.
 pub(crate) fn reload(name: Option<&str>) -> Result<ExitCode> {
     let instance = observe::instance(name)?;
     let supervisor = ClaimNote::of_living(&instance, "pipeline");
@@ -67,13 +67,13 @@ pub(crate) fn clean(instance: &str) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// `mluc exec`: ties this process to the supervisor and becomes another program.
+/// `mluc exec`: ties this process to the supervisor and replaces it with another program.
 pub(crate) fn exec(parent: u32, cpus: Option<Vec<usize>>, command: &[String]) -> Result<ExitCode> {
     log_to_stderr("exec", "warn");
     end_with(parent)?;
     cpus.map_or(Ok(()), |cpus| pin(&cpus))?;
     let (program, arguments) = command.split_first().context("no program given")?;
-    // Only returns when it fails.
+    // `exec` only returns when it fails.
     let error = std::process::Command::new(program).args(arguments).exec();
     Err(error).with_context(|| format!("starting {program}"))
 }

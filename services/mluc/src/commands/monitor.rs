@@ -1,7 +1,7 @@
 //! `mluc monitor`: health, readiness, metrics and status over HTTP, on a loopback address.
 //!
-//! A process of its own that looks at the pipeline: however slow its clients are, nobody in the pipeline waits for it. One
-//! client at a time, each with little time and few bytes: a few lines of HTTP/1.1 instead of a server's dependencies.
+//! It is a separate process that observes the pipeline: however slow its clients are, the pipeline never waits for it. It serves
+//! one client at a time, with limits on time and bytes. A few lines of HTTP/1.1 replace the dependencies of a server.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -15,15 +15,15 @@ use mluc_runtime::log_to_stderr;
 use super::metrics::metrics;
 use super::observe::{Observer, Snapshot, instance};
 
-/// Between two looks at the pipeline, and at who wants to know.
+/// Time between two polls of the pipeline and of the clients.
 const LOOK: Duration = Duration::from_millis(20);
-/// A client gets so long for its question, and for each write of its answer.
+/// Time limit of a client's request, and of each write of the response.
 const CLIENT_PATIENCE: Duration = Duration::from_millis(500);
-/// Bytes of the longest question.
+/// Bytes of the longest request.
 const REQUEST_MAX: usize = 4096;
 const PAGES: &str = "/healthz /readyz /metrics /status.json";
 
-/// For the command line: nothing listens to other machines.
+/// Parses an address of the command line. Only loopback addresses are accepted: other machines cannot connect.
 pub(crate) fn loopback(text: &str) -> Result<SocketAddr, String> {
     let address = text.parse::<SocketAddr>().ok();
     let address = address.filter(|address| address.ip().is_loopback());
@@ -39,7 +39,7 @@ pub(crate) fn monitor(name: Option<&str>, address: SocketAddr) -> anyhow::Result
     while !observer.shell.is_stopping() {
         let snapshot = observer.look()?;
         match listener.accept() {
-            // What a client does wrong is its own matter.
+            // Errors of a client are ignored.
             Ok((client, _)) => drop(serve(client, &snapshot)),
             Err(error) => {
                 if error.kind() != ErrorKind::WouldBlock {

@@ -10,9 +10,9 @@ use serde_json::{Value, json};
 use crate::UsageError;
 use crate::control::{Control, ControlWatch};
 
-/// Looks at an instance. It takes no frame, and nobody waits for it.
+/// Observes an instance. It takes no frame, and no other process waits for it.
 pub(super) struct Observer {
-    // The ports go before the shell.
+    // The ports are dropped before the shell.
     health: HealthWatch,
     status: StatusWatch,
     control: ControlWatch,
@@ -27,7 +27,7 @@ pub(super) struct Snapshot {
     pub(super) stages: [Option<Health>; 4],
     /// `None`: there is no supervisor.
     pub(super) status: Option<Status>,
-    /// What the supervisor counts besides.
+    /// Further counts of the supervisor.
     pub(super) control: Control,
 }
 
@@ -48,7 +48,7 @@ impl Observer {
     pub(super) fn open(instance: &Instance) -> anyhow::Result<Observer> {
         let shell = Shell::observer(instance, None, Shutdown::on_signals()?)?;
         let mut status = shell.status_watch()?;
-        // What waits in the queue may be the last word of a supervisor that is gone.
+        // The queue may still contain the last status of a supervisor that is gone.
         status.update()?;
         Ok(Observer {
             health: shell.health_watch()?,
@@ -70,7 +70,7 @@ impl Observer {
 }
 
 impl Snapshot {
-    /// Without a supervisor nothing can be said.
+    /// The pipeline's state; `None` without a supervisor.
     pub(super) fn state(&self) -> Option<StatusState> {
         self.status.and_then(|status| status.checked().ok())
     }
@@ -111,7 +111,7 @@ pub(super) mod tests {
 
     use super::*;
 
-    /// A pipeline whose refiner alone is heard.
+    /// A pipeline of which only the refiner sends heartbeats.
     pub(in crate::commands) fn snapshot(state: StatusState) -> Snapshot {
         let mut health = Health {
             wire_version: WIRE_VERSION,

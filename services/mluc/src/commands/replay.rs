@@ -1,4 +1,4 @@
-//! `mluc replay`: the pipeline on what `mluc record` wrote, its objects against the recorded ones.
+//! `mluc replay`: runs the pipeline on a recording of `mluc record` and compares its objects with the recorded ones.
 
 use std::{path::Path, process::ExitCode};
 
@@ -14,7 +14,7 @@ use crate::supervisor::{Left, LineWriter, Sink, run};
 use crate::{EXIT_FAILURE, UsageError, model};
 use crate::{cli::PipelineArgs, external::own_program, stages::played, terminal::print_err};
 
-/// Every recorded scan goes through the pipeline. Exit code 1: other objects, or no frame to compare.
+/// Every recorded scan goes through the pipeline. Exit code 1: objects differ, a frame was lost, or there was no frame to compare.
 pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Result<ExitCode> {
     log_to_stderr("replay", "warn");
     let shutdown = Shutdown::on_signals()?;
@@ -55,7 +55,7 @@ pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Res
     Ok(ExitCode::from(if is_same { 0 } else { EXIT_FAILURE }))
 }
 
-/// The stages before `from` publish what was recorded.
+/// Makes the stages before `from` publish their recorded messages.
 fn play(settings: &mut Settings, input: &Path, from: Stage) -> anyhow::Result<()> {
     let mut recorded = played::open(input, Stage::ALL[from as usize - 1])?;
     if let Some(message) = recorded.of(0)? {
@@ -81,14 +81,14 @@ fn play(settings: &mut Settings, input: &Path, from: Stage) -> anyhow::Result<()
 
 struct Compared {
     recorded: Recorded,
-    /// Stages publish what was recorded; a frame of which nothing was is flagged `degraded`.
+    /// Whether stages publish recorded messages; a frame without a recorded message is flagged `degraded`.
     has_played: bool,
     shard: Option<[u32; 2]>,
     same: u64,
     other: u64,
     degraded: u64,
     without: u64,
-    /// That of the recording and that of this run, where they differ.
+    /// The model of the recording and the model of this run, if they differ.
     models: Option<[String; 2]>,
 }
 
@@ -102,10 +102,10 @@ impl Sink for Compared {
             return Ok(true);
         };
         let about = || format!("recorded line of scan {scan}");
-        // A string in CDR: its head, its length with the byte that ends it, the text.
+        // A string in CDR: its header, its length including the terminating byte, the text.
         let text = message.get(8..message.len().saturating_sub(1));
         let recorded: Value = serde_json::from_slice(text.unwrap_or(&[])).with_context(about)?;
-        // As text, so that numbers are rounded as the recorded ones were.
+        // Converted through text, so that numbers are rounded like the recorded ones.
         let found =
             serde_json::to_string(&line(left.header, left.objects, left.classes, left.status))?;
         let found: Value = serde_json::from_str(&found)?;

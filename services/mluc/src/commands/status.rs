@@ -1,4 +1,4 @@
-//! `mluc status`: how a running pipeline is, once.
+//! `mluc status`: prints the state of a running pipeline once.
 
 use std::{process::ExitCode, time::Duration};
 
@@ -8,7 +8,7 @@ use mluc_runtime::log_to_stderr;
 use super::observe::{Observer, Snapshot, counted, running, state};
 use crate::terminal::print_out;
 
-/// Three heartbeats.
+/// How long to listen: three heartbeats.
 pub(super) const LISTEN: Duration = Duration::from_millis(350);
 
 pub(crate) fn status(name: Option<&str>, is_json: bool) -> anyhow::Result<ExitCode> {
@@ -39,7 +39,7 @@ fn print(snapshot: &Snapshot) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Over the columns of [`row`].
+/// Heads of the columns of [`row`].
 pub(super) const HEAD: &str =
     "stage     process  state                in      out  dropped  refused    p50 ms    p99 ms";
 

@@ -1,4 +1,4 @@
-//! `mluc top`: how a running pipeline is, once a second.
+//! `mluc top`: prints the state of a running pipeline once a second.
 
 use std::{io::IsTerminal, process::ExitCode, time::Duration};
 
@@ -13,7 +13,7 @@ const PERIOD: Duration = Duration::from_secs(1);
 const LOOK: Duration = Duration::from_millis(50);
 /// Characters of the longest bar.
 const BAR: u64 = 32;
-/// Complaints that are shown.
+/// Largest number of complaints that are shown.
 const COMPLAINTS_MAX: usize = 6;
 /// Clears a terminal.
 const CLEAR: &str = "\x1b[2J\x1b[H";
@@ -35,7 +35,7 @@ pub(crate) fn top(name: Option<&str>, is_once: bool) -> anyhow::Result<ExitCode>
         complaints.add(&snapshot);
         let since = Duration::from_nanos(monotonic_ns() - before_ns);
         if before.instance.is_empty() {
-            // Every stage was heard by then.
+            // By then, every stage has sent a heartbeat.
             if since >= LISTEN {
                 (before, before_ns) = (snapshot, monotonic_ns());
             }
@@ -73,7 +73,7 @@ fn page(before: &Snapshot, now: &Snapshot, since: Duration, complaints: &Complai
     text
 }
 
-/// Frames a second; a stage that was restarted counts anew.
+/// Frames per second; the count of a restarted stage begins at 0.
 fn rate_hz(then: Option<&Health>, now: &Health, since: Duration) -> f64 {
     let then = then.filter(|then| then.pid == now.pid);
     let frames = then.map_or(0, |then| now.frames_out.saturating_sub(then.frames_out));
@@ -86,12 +86,12 @@ fn bar(health: &Health, longest_us: u64) -> String {
     "#".repeat(p50) + &"-".repeat(p99.saturating_sub(p50))
 }
 
-/// What was said since the start: time and words, the newest last.
+/// Complaints since the start: time and words, the newest last.
 #[derive(Default)]
 struct Complaints(Vec<(String, String)>);
 
 impl Complaints {
-    /// Takes what is new.
+    /// Adds the new complaints.
     fn add(&mut self, snapshot: &Snapshot) {
         let state = snapshot.state().filter(|state| !state.sees());
         let status = snapshot.status.as_ref();
@@ -118,7 +118,7 @@ impl Complaints {
     }
 }
 
-/// UTC.
+/// The time of day in UTC.
 fn time_of_day(ns: u64) -> String {
     let seconds = ns / 1_000_000_000 % 86_400;
     let (hours, minutes) = (seconds / 3600, seconds / 60 % 60);
@@ -139,7 +139,7 @@ mod tests {
         for number in 0..2 {
             complaints.add(&now);
             let refiner = now.stages[3].as_mut().expect("it is heard");
-            // First 20 frames in 2 s, then a new process, which begins to count.
+            // First 20 frames in 2 s, then a new process, whose count begins at 0.
             (refiner.frames_out, refiner.pid) = (29, 7 + number);
             let text = page(&before, &now, Duration::from_secs(2), &complaints);
             let hz = ["    10.0", "     0.0"][number as usize];

@@ -66,7 +66,7 @@ impl Sink for Lines {
     }
 }
 
-/// Flags of all frames, and whether there was a scan among them.
+/// Counts of the flags of all frames, of the frames, and of the usable ones among them.
 #[derive(Default)]
 pub(super) struct Summary {
     flags: BTreeMap<&'static str, u64>,
@@ -83,7 +83,7 @@ impl Summary {
         }
     }
 
-    /// Tells the flags; a run without a usable frame failed.
+    /// Prints the flags; a run without a usable frame has failed.
     pub(super) fn exit_code(&self, outcome: &Outcome) -> ExitCode {
         let word = |(name, count)| format!("{name} {count}");
         let words: Vec<_> = self.flags.iter().map(word).collect();

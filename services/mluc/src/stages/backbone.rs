@@ -36,7 +36,7 @@ pub(crate) fn run(
     Ok(run_stage(shell, blocks, stage)?)
 }
 
-/// Of a features message.
+/// Blocks of the largest features message.
 pub(super) fn blocks_max(network: &Network) -> usize {
     let cells = network.map_shape().iter().product();
     feature_blocks(cells, network.feature_channels(), network.ground_nodes())

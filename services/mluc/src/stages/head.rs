@@ -10,7 +10,7 @@ use mluc_runtime::{Algorithm, Shell, StageError, run_stage};
 use super::models::Models;
 
 pub(super) struct HeadStage {
-    /// With cells of the map, channels and nodes of the ground.
+    /// Each head with the numbers of cells of the map, channels and nodes of the ground.
     models: Models<(Head, [usize; 3])>,
     detections: Vec<Detection>,
 }

@@ -1,4 +1,4 @@
-//! Scans from files into shared memory, at the sensor's pace or one after the other.
+//! Brings scans from the input into shared memory, at the sensor's pace or one after the other.
 
 mod pace;
 mod sender;
@@ -14,7 +14,7 @@ use crate::settings::{Pace, Settings};
 use mluc_sources::Open;
 use sender::Sender;
 
-/// `start_sequence`: given by the supervisor; `None`: somebody else started this process.
+/// `start_sequence`: given by the supervisor; `None`: the supervisor did not start this process.
 pub(crate) fn run(
     shell: &mut Shell,
     settings: &Settings,
@@ -35,15 +35,15 @@ pub(crate) fn run(
         source.go_on()?;
     }
     let sensor = settings.sensor.load()?;
-    // A process of somebody else counts its own scans, not those before.
+    // A process that the supervisor did not start counts only its own scans.
     let counted = start_sequence.unwrap_or(0);
     let sender = Sender::new(shell, source, model, sensor, counted);
     let mut sender = sender.context("opening the topics")?;
     if first == 0 {
         sender.wait_until_ready()?;
     } else {
-        // A sensor that comes back does not wait: a stage that is restarted too takes the next scan. A capture is read on to
-        // that scan, which may take longer than a start: heartbeats count from here on.
+        // After a restart a sensor does not wait: a stage that is restarted too takes the next scan. A capture is read on to that
+        // scan, which may take longer than a start may. So this state ends the start, and only the limit for heartbeats applies.
         let reason = format!("waiting for scan {first}");
         sender.shell.state(HealthState::WaitingInput, &reason)?;
     }
@@ -53,7 +53,7 @@ pub(crate) fn run(
     };
     let reason = match &done {
         _ if sender.shell.is_stopping() => Health::ASKED_TO_END.to_string(),
-        // The input is at its end: so is the run.
+        // The input is at its end, and so is the run.
         Ok(()) => String::new(),
         Err(error) => format!("{error:#}"),
     };
@@ -61,7 +61,7 @@ pub(crate) fn run(
     done.with_context(|| Stage::Ingest.name())
 }
 
-/// The first sequence in the run of a supervisor: behind the scans that an ingest before this one has sent, which that supervisor has counted.
+/// The first sequence in the run of a supervisor: it follows the scans that an earlier ingest has sent, as the supervisor has counted them.
 fn next_sequence(shell: &mut Shell) -> anyhow::Result<u64> {
     let begun_ns = monotonic_ns();
     let mut statuses = shell.status_watch()?;

@@ -1,4 +1,4 @@
-//! The process of each stage; its file holds the algorithm's call. What a run says of itself to all stages and consumers.
+//! The process of each stage, whose own file calls the algorithm, and the description of a run for all stages and consumers.
 
 mod backbone;
 mod head;
@@ -21,7 +21,7 @@ use crate::placement::{lock_memory, pin};
 use crate::{UsageError, model};
 use crate::{cli::StageArgs, external::external, resolve::Resolved, settings::Settings};
 
-/// A stage's process, until it is asked to end. `open`: of a program that knows more inputs than `mluc`.
+/// Runs a stage's process until it is asked to end. `open`: opens the input, for a program that knows more inputs than `mluc`.
 pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
     let stage = Stage::from_name(&args.name).context("stage")?;
     log_to_stderr(stage.name(), "info");
@@ -30,19 +30,19 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
     }
     let mut settings = Resolved::of(args.pipeline, true)?.settings;
     if open.is_none() && stage == Stage::Ingest && settings.reads_ros2() {
-        // It only returns when the program is not there: another start is as vain.
+        // It only returns when the program is not there. Another start would fail too, so this is a usage error.
         let started = external("mluc-ros2", &["stage"]).map(drop);
         return started.map_err(|error| UsageError(format!("{error:#}")).into());
     }
     if let Some(level) = settings.level()? {
         level.restrict();
     }
-    // Before any thread is started: they all inherit it.
+    // Set before any thread is started: all threads inherit it.
     let own = &settings.stages[stage];
     if let Some(cpus) = &own.cpus {
         pin(cpus)?;
     }
-    // A stage of the supervisor's has it since its start.
+    // A stage that the supervisor started has its priority since the start.
     if let (Some(priority), None) = (own.priority, args.supervised_by) {
         let numbers = [u32::from(priority), std::process::id()].map(|n| n.to_string());
         let mut chrt = Command::new("chrt");
@@ -56,7 +56,7 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
     {
         tracing::warn!("lock_memory: {why}; without it memory may be paged out");
     }
-    // This thread is one of the pool's: whoever enters a pool from outside waits for it to wake up, and makes it allocate now and then.
+    // This thread belongs to the pool: a thread that enters a pool from outside waits for it to wake up, and sometimes makes it allocate.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(own.threads);
     let pool = pool.use_current_thread().build_global();
     pool.context("starting the threads")?;
@@ -76,7 +76,7 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
             played::run(&mut shell, &settings, &model, stage, args.played_to)
         }
         Stage::Backbone => {
-            // Frames wait for one that is restarted: its first one is the slower for it, and the earlier.
+            // A restarted stage does not warm up, because frames wait for it: its first frame is slower, but comes out earlier.
             let warms_up = args.start_sequence == 0;
             backbone::run(&mut shell, &settings, &model, warms_up)
         }
@@ -86,7 +86,7 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
     done.with_context(|| format!("stage {}", stage.name()))
 }
 
-/// Has the kernel send SIGTERM when the supervisor dies, however it dies.
+/// Has the kernel send SIGTERM when the supervisor dies, for whatever reason.
 pub fn end_with(parent: u32) -> anyhow::Result<()> {
     set_parent_process_death_signal(Some(Signal::TERM))
         .context("tying this process to its parent")?;

@@ -1,5 +1,5 @@
-//! What a stage makes of the model. While the run changes it, the next one is made in a thread beside the frames, and takes over
-//! with the first frame that carries its fingerprint.
+//! What a stage makes from the model. While the run changes its model, a thread makes the next one and frames go on. The next one
+//! takes over with the first frame that has its fingerprint.
 
 use std::thread::{self, JoinHandle};
 use std::{process::Command, sync::Arc};
@@ -24,7 +24,7 @@ pub(crate) struct Models<T> {
 }
 
 impl<T: Send + 'static> Models<T> {
-    /// `made`: of the model that the stage begins with. `make`: of those that follow.
+    /// `made`: made from the model that the stage begins with. `make`: makes it from a later model.
     pub(crate) fn new(
         shell: &Shell,
         model: &Model,
@@ -40,8 +40,8 @@ impl<T: Send + 'static> Models<T> {
         }
     }
 
-    /// What was made of the frame's model, and the thresholds that the frame is judged by, where a reload changed them. Refuses a
-    /// frame of a model that this stage has not.
+    /// What was made from the frame's model, and the thresholds that the frame is judged by, if a reload changed them. Refuses a
+    /// frame of a model that this stage does not have.
     pub(crate) fn of_frame(
         &mut self,
         header: &FrameHeader,
@@ -59,7 +59,7 @@ impl<T: Send + 'static> Models<T> {
         {
             self.fingerprint = found;
             let before = std::mem::replace(&mut self.made, made);
-            // To give back its memory takes time that no frame has.
+            // A thread frees the memory, because a frame has no time for it.
             thread::spawn(move || {
                 drop(before);
                 give_memory_back();
@@ -70,7 +70,7 @@ impl<T: Send + 'static> Models<T> {
     }
 }
 
-/// What was freed, but lies between what is in use, goes back to the system: glibc keeps it otherwise, and each change of the model would leave more of it.
+/// Returns freed memory between used blocks to the system. Otherwise glibc keeps it, and each change of the model would leave more of it.
 fn give_memory_back() {
     #[cfg(target_env = "gnu")]
     {
@@ -83,19 +83,19 @@ fn give_memory_back() {
     }
 }
 
-/// Leaves a word for the supervisor, in a file that is named after this process: `ready`, or why the model cannot be made.
+/// Makes the next model in a thread. A file named after this process reports to the supervisor: `ready`, or why it cannot be made.
 fn start<T: Send + 'static>(next: PinnedModel, make: Arc<Make<T>>) -> JoinHandle<Option<T>> {
     thread::spawn(move || {
         let made = load(&next, &*make);
         let error = made.as_ref().err().map(|error| format!("{error:#}"));
         let report = next.file.with_file_name(std::process::id().to_string());
-        // Without it the supervisor refuses the model after a while.
+        // Without this file the supervisor refuses the model after a while.
         let _ = std::fs::write(report, error.as_deref().unwrap_or("ready"));
         made.ok()
     })
 }
 
-/// The threads of the frames go before: chrt alone gives a real-time priority, and takes it away.
+/// Runs at low priority, so that the threads of the frames go first. Only `chrt` gives a real-time priority and takes it away.
 fn load<T: Send>(next: &PinnedModel, make: &Make<T>) -> anyhow::Result<T> {
     let thread = gettid().as_raw_nonzero().to_string();
     let words = ["--other", "--pid", "0", &thread];

@@ -1,4 +1,4 @@
-//! A stage that computes nothing: it publishes what a recording of `mluc record --stages` has of it.
+//! A stage that computes nothing: it publishes its messages from a recording of `mluc record --stages`.
 
 use anyhow::{Context, ensure};
 use mluc_gateway::ros2::{BYTES_AT, stage_topic};
@@ -17,7 +17,7 @@ struct Played<A: Algorithm> {
     recorded: Option<Recorded>,
     shard: Option<[u32; 2]>,
     sequence: Option<u64>,
-    /// Of that sequence; `None`: it was not recorded.
+    /// The recorded message of `sequence`; `None`: it was not recorded.
     message: Option<(FrameHeader, Vec<A::Output>)>,
 }
 
@@ -46,7 +46,7 @@ pub(super) fn run(
     }?)
 }
 
-/// What a recording has of a stage.
+/// The messages of a stage in a recording.
 pub(crate) fn open(path: &std::path::Path, stage: Stage) -> anyhow::Result<Recorded> {
     Recorded::open(path, stage_topic(stage).name, "mluc record --stages")
 }

@@ -13,14 +13,14 @@ use super::models::Models;
 use crate::settings::{Pace, Settings};
 
 struct RefinerStage {
-    /// With run and sequence of the scan that the refiner has read.
+    /// Each refiner with run and sequence of the scan that it has read ahead.
     models: Models<(Refiner, Option<(u64, u64)>)>,
     tracker: Option<(Tracker, EgoEstimator)>,
     refined: RefinerOutput,
     object_points: Output<u32>,
-    /// Where the sensor sets the pace: how long a frame may be refined.
+    /// At pace `sensor`: how long a frame may be refined.
     time_max_ns: Option<u64>,
-    /// How old a frame may leave.
+    /// The age from which a frame that leaves is late.
     age_max_ns: Option<u64>,
 }
 
@@ -55,14 +55,14 @@ impl Algorithm for RefinerStage {
         if let Some((_, score_min)) = thresholds {
             refiner.set_score_min(score_min);
         }
-        // A detection that makes no sense is one object's disposition (`invalid_box`), not the frame's.
+        // A detection that makes no sense affects one object (disposition `invalid_box`), not the whole frame.
         let detections = Detection::counted(header, elements)?;
         let (points, are_gone) = (points.unwrap_or_default(), points.is_none());
         if are_gone {
             header.flag(Flags::POINTS_GONE.with(Flags::DEGRADED));
         }
-        // Without its points a frame's unknown objects keep their proposals; where nothing waits for the sensor, time
-        // has no say and the same scans give the same objects.
+        // Without the frame's points its unknown objects keep their proposals. At pace `complete` there is no time limit, so the
+        // same scans give the same objects.
         let start_ns = monotonic_ns();
         let has_time = |max_ns| monotonic_ns() - start_ns <= max_ns;
         let mut is_over = || are_gone || !self.time_max_ns.is_none_or(has_time);
@@ -97,7 +97,7 @@ impl Algorithm for RefinerStage {
         *read = Some((header.run_id, header.sequence));
     }
 
-    /// First the indices: whoever has the objects can ask for their points.
+    /// The indices go first: a consumer that has the objects can then find their points.
     fn publish_aside(&mut self, header: &FrameHeader) -> Result<usize, RuntimeError> {
         let (mut header, indices) = (*header, &self.refined.object_points[..]);
         stamp_published(Stage::Refiner, &mut header);

@@ -1,18 +1,18 @@
-//! Latency budgets: who needed longer, how often, and whether it lasts. The log sums up what repeats.
+//! Latency budgets: which stage needed longer, how often, and whether this lasts. The log sums up repeated messages.
 
 use mluc_gateway::lines::{latency_us, stage_times};
 use mluc_ipc_types::{Flags, FrameHeader, Stage};
 
 use crate::settings::Settings;
 
-/// Misses in a row that are an error: two seconds at 10 Hz. A guess.
+/// This many misses in a row are an error: two seconds at 10 Hz. A guess.
 const LASTING: u64 = 20;
-/// What lasts so long is an error too.
+/// A miss that lasts this long is an error too, ns.
 pub(super) const LASTING_NS: u64 = 2_000_000_000;
-/// Counts of stages come with their heartbeats, at most so late.
+/// The counts of stages come with their heartbeats, at most this late, ns.
 const HEARTBEATS_NS: u64 = 500_000_000;
 
-/// What is said of a budget.
+/// Whether a budget is kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
 enum Severity {
     #[default]
@@ -31,17 +31,17 @@ struct Budget {
     wait: Wait,
 }
 
-/// A frame that a stage holds, by the counts of frames published.
+/// A frame that waits in a stage, according to the counts of published frames.
 #[derive(Clone, Copy, Debug, Default)]
 struct Wait {
-    /// By the stage before, and by the stage.
+    /// Frames that the stage before and the stage had published at the last check.
     seen: [u64; 2],
-    /// When the stage before had published more and the stage had not.
+    /// When a check first found that the stage before had published more and the stage had not.
     since_ns: Option<u64>,
     said: Severity,
 }
 
-/// All that are set.
+/// All budgets that are set.
 pub(super) struct Budgets(Vec<Budget>);
 
 impl Budgets {
@@ -60,12 +60,12 @@ impl Budgets {
         Budgets(all.filter_map(budget).collect())
     }
 
-    /// A new run is counted anew.
+    /// Sets the counts to 0 for a new run.
     pub(super) fn clear(&mut self) {
         self.0.iter_mut().for_each(|budget| budget.missed = 0);
     }
 
-    /// A frame that came out.
+    /// Records a frame that came out.
     pub(super) fn record(&mut self, header: &FrameHeader) {
         let is_late = Flags(header.flags).contains(Flags::LATE);
         for budget in &mut self.0 {
@@ -76,7 +76,7 @@ impl Budgets {
         }
     }
 
-    /// Stages that hold a frame, judged by the clock. `out`: frames that each stage has published. A late pipeline as a whole is a state.
+    /// Judges stages in which a frame waits, by the clock. `out`: frames that each stage has published. A late pipeline is a state instead.
     pub(super) fn judge(&mut self, now_ns: u64, out: [u64; 4]) {
         for budget in &mut self.0 {
             let number = budget.stage.map_or(0, |stage| stage as usize);
@@ -86,7 +86,7 @@ impl Budgets {
         }
     }
 
-    /// Frames that a stage, or the whole way, needed too long for.
+    /// Number of frames for which a stage, or the whole pipeline (`None`), needed too long.
     pub(super) fn missed(&self, stage: Option<Stage>) -> u64 {
         let budget = self.0.iter().find(|budget| budget.stage == stage);
         budget.map_or(0, |budget| budget.missed)
@@ -111,13 +111,13 @@ impl Budget {
         }
     }
 
-    /// Gives what was said of the frame that the stage holds. It counts as missed when it comes out.
+    /// Returns what was logged about the frame that waits in the stage. The frame counts as missed when it comes out.
     fn judge_wait(&mut self, now_ns: u64, out: [u64; 2]) -> Severity {
         let wait = &mut self.wait;
         if out[1] != wait.seen[1] {
             *wait = Wait::default();
         } else if out[0] != wait.seen[0] && out[1] > 0 {
-            // Before its first frame a stage loads.
+            // Before its first frame a stage is loading, which is no miss.
             wait.since_ns.get_or_insert(now_ns);
         }
         wait.seen = out;
@@ -160,7 +160,7 @@ mod tests {
         let mut budgets = Budgets::new(&settings);
         let mut header = FrameHeader::new(0, "a");
         header.stages[Stage::Refiner as usize].published_ns = 90_000_000;
-        // Waiting and computing; the refiner knows that it was late.
+        // Waiting and computing both count. In the last case the refiner has flagged the frame as late.
         let none = Flags::default();
         for (waited_ms, flags) in [(4, none), (5, none), (5, Flags::LATE)] {
             let head = &mut header.stages[Stage::Head as usize];

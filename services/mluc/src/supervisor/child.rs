@@ -1,4 +1,4 @@
-//! One stage's process: start, watch, restart. One that says nothing for too long is killed.
+//! One stage's process: start, watch, restart. A process that is silent for too long is killed.
 
 use std::collections::VecDeque;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -18,24 +18,24 @@ use super::predecessor::{MARK, mark};
 use crate::settings::{RestartPolicy, Settings, StageSettings};
 use crate::{EXIT_USAGE, external::own_program};
 
-/// Delay of a restart where no frame was published since the last one; each further one is twice as long.
+/// First delay of a restart if no frame was published since the last restart; each further delay is twice as long.
 const DELAY_FIRST: Duration = Duration::from_millis(50);
 const DELAY_MAX: Duration = Duration::from_secs(5);
 /// A stage that dies by itself more often than this within [`CRASH_LOOP_TIME`] is reported as a crash loop. A guess.
 const CRASH_LOOP_DEATHS: usize = 5;
 const CRASH_LOOP_TIME: Duration = Duration::from_secs(600);
-/// What a stage had started gets this long to be gone after a kill.
+/// How long the processes that a stage had started may take to end after a kill.
 const GROUP_PATIENCE: Duration = Duration::from_secs(2);
 
-/// What a look at the process found.
+/// Whether the process has ended, and how.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ended {
     No,
-    /// With exit code 0.
+    /// It ended with exit code 0.
     Done,
-    /// By a signal from outside, or stopped and then killed by the watchdog.
+    /// It was ended by a signal from outside, or stopped and then killed by the watchdog.
     Hit,
-    /// In any other way. The frame that it was working on, if one is known.
+    /// It ended in any other way. The field is the frame that it was working on, if one is known.
     Died(Option<u64>),
 }
 
@@ -49,29 +49,29 @@ pub(super) struct Child {
     #[default(DELAY_FIRST)]
     delay: Duration,
     was_ready: bool,
-    /// A frame since its start.
+    /// Whether it has published a frame since its start.
     has_published: bool,
-    /// Frames that its heartbeats count from the beginning.
+    /// Frames that its heartbeats already include at its start.
     frames_before: u64,
-    /// Its longest frame since its start.
+    /// The time of its longest frame since its start, us.
     run_max_us: u32,
-    /// Said by the process before it, whose last heartbeat may come late.
+    /// Process id in the heartbeats of the process before it, whose last heartbeat may come late.
     pid_before: u32,
-    /// What the process before it had started, among it programs that may still run.
+    /// Process group of the process before it: programs that it had started may still run.
     group_before: Option<Pid>,
-    /// By the watchdog, and not gone yet.
+    /// The watchdog has killed it, and it is not gone yet.
     is_killed: bool,
-    /// By a signal from outside, when the watchdog killed it.
+    /// A signal from outside had stopped it when the watchdog killed it.
     was_stopped: bool,
-    /// Of the machine, when it was started.
+    /// The machine's count of out-of-memory kills when it was started.
     oom_kills_before: u64,
-    /// Deaths by itself in a row, without a frame between.
+    /// Number of deaths by itself in a row, without a frame between them.
     failures: u32,
-    /// When it died by itself, at most one more than [`CRASH_LOOP_DEATHS`].
+    /// Times when it died by itself, at most one more than [`CRASH_LOOP_DEATHS`].
     deaths: VecDeque<Instant>,
     is_crash_loop: bool,
     is_foreign: bool,
-    /// One that somebody else started is reported once in each silence.
+    /// A silent process that somebody else started is reported once in each silence.
     is_silence_reported: bool,
 }
 
@@ -83,12 +83,12 @@ impl Child {
         }
     }
 
-    /// 0 when it does not run.
+    /// Process id; 0 when it does not run.
     pub(super) fn pid(&self) -> u32 {
         self.process.as_ref().map_or(0, Process::id)
     }
 
-    /// The process and all that it started: a script's program, for instance.
+    /// Signals the process and all that it started: a script's program, for instance.
     pub(super) fn signal(&self, signal: Signal) {
         if let Some(group) = Pid::from_raw(self.pid() as i32) {
             // It may have ended already.
@@ -102,7 +102,7 @@ impl Child {
         let supervisor = std::process::id().to_string();
         let mut command = own.placed(own_program());
         match &own.command {
-            // Our own program first, which ties itself to us and then becomes the other one.
+            // Our own program starts first, ties itself to the supervisor, and then replaces itself with the other one.
             Some(program) => {
                 command.args(["exec", "--supervised-by", &supervisor]);
                 command.args(own.cpus_argument());
@@ -116,7 +116,7 @@ impl Child {
                 command.args(["--instance", settings.instance.name()]);
                 command.args(["--supervised-by", &supervisor]);
                 command.args(["--start-sequence", &start_sequence.to_string()]);
-                // glibc gives the memory of a model that was replaced back to the system.
+                // With this setting glibc returns the memory of a replaced model to the system.
                 command.env("MALLOC_MMAP_THRESHOLD_", "131072");
             }
         }
@@ -125,9 +125,9 @@ impl Child {
             .env(LOG_FORMAT_VARIABLE, log_format())
             .env(MARK, mark(&settings.instance))
             .stdin(Stdio::null())
-            // stdout holds the JSON lines, and nothing else.
+            // stdout is only for the JSON lines.
             .stdout(std::io::stderr())
-            // Ctrl-C reaches us alone; we end the stages.
+            // Ctrl-C reaches only the supervisor, which ends the stages.
             .process_group(0);
         for variable in MANAGER_VARIABLES {
             command.env_remove(variable);
@@ -143,13 +143,13 @@ impl Child {
         (self.is_killed, self.was_stopped) = (false, false);
         self.is_foreign = own.command.is_some();
         self.run_max_us = 0;
-        // A restarted ingest counts the frames of the one before it.
+        // A restarted ingest also counts the frames of the one before it.
         let counts_on = self.stage == Stage::Ingest && !self.is_foreign;
         self.frames_before = if counts_on { start_sequence } else { 0 };
         Ok(())
     }
 
-    /// A start that fails is a death by itself, and planned again.
+    /// Starts the process again. A start that fails counts as a death by itself, and the next restart is planned.
     pub(super) fn restart(&mut self, settings: &Settings, start_sequence: u64) -> Result<()> {
         if let Err(error) = self.start(settings, start_sequence) {
             tracing::error!(stage = self.stage.name(), "{error:#}");
@@ -159,8 +159,8 @@ impl Child {
         Ok(())
     }
 
-    /// Whether it ended; kills it when it has said nothing for longer than its settings allow. `regular_since_ns`: the supervisor
-    /// has looked without a pause since then; what was silent in a pause of everything does not hang.
+    /// Whether it ended; kills it when it has been silent for longer than its settings allow. `regular_since_ns`: the supervisor
+    /// has checked without a pause since then. Silence before that does not count, because the whole machine may have paused.
     pub(super) fn watch(
         &mut self,
         health: &HealthWatch,
@@ -191,14 +191,14 @@ impl Child {
             return Ok(Ended::No);
         };
         if let Some(status) = process.try_wait().context("watching a stage")? {
-            // What it started may still run and hold the stage's place.
+            // Processes that it started may still run and keep the stage's role.
             self.signal(Signal::KILL);
             self.process = None;
             self.group_before = group;
             self.pid_before = heartbeat.map_or(0, |health| health.pid);
             return self.ended(status, pid, settings);
         }
-        // Its first frame may take long; waiting for it does not.
+        // Its first frame may take long, but a stage that waits for its first frame must send heartbeats.
         let is_idle = || {
             let note = ClaimNote::read(&settings.instance, self.stage.name());
             note.is_some_and(|note| note.pid == pid && note.sequence.is_none())
@@ -229,7 +229,7 @@ impl Child {
 
     fn ended(&mut self, status: ExitStatus, pid: u32, settings: &Settings) -> Result<Ended> {
         if status.success() {
-            // Ingest's end is that of its input, and our other stages end so where they are asked to, from outside.
+            // Ingest ends so at the end of its input. Our other stages end so only if somebody outside asks them to.
             if self.stage != Stage::Ingest && self.is_foreign {
                 tracing::error!(stage = self.stage.name(), "ended by itself: {status}");
                 self.judge(status.code(), settings)?;
@@ -239,9 +239,9 @@ impl Child {
         tracing::error!(stage = self.stage.name(), "ended: {status}");
         let is_by = |signal: Signal| status.signal() == Some(signal.as_raw());
         let is_killed = is_by(Signal::KILL) && (!self.is_killed || self.was_stopped);
-        // We ask nobody to end before the run does.
+        // The supervisor asks no stage to end before the run ends, so SIGTERM came from outside.
         let is_hit = is_killed || is_by(Signal::TERM);
-        // The kernel's choice is no accident: the next one will want as much.
+        // A kill for lack of memory is no accident: the next process will need as much.
         let is_oom = is_killed && oom_kills() > self.oom_kills_before;
         if is_oom {
             tracing::error!(
@@ -257,7 +257,7 @@ impl Child {
         Ok(Ended::Died(note.and_then(|note| note.sequence)))
     }
 
-    /// A process of somebody else is never signalled.
+    /// Reports silence of a process that somebody else started; such a process is never signalled.
     fn report_silence(&mut self, health: &HealthWatch, own: &StageSettings, regular_since_ns: u64) {
         let Some(heartbeat) = health.of(self.stage) else {
             return;
@@ -282,7 +282,7 @@ impl Child {
         self.is_silence_reported = is_silent;
     }
 
-    /// It died by itself: a death that repeats without a frame between is no accident.
+    /// Judges a death by itself: deaths that repeat without a frame between them are no accident.
     fn judge(&mut self, code: Option<i32>, settings: &Settings) -> Result<()> {
         let name = self.stage.name();
         self.count_death();
@@ -306,7 +306,7 @@ impl Child {
         Ok(())
     }
 
-    /// Says so when it dies again and again.
+    /// Counts a death, and reports a crash loop.
     fn count_death(&mut self) {
         self.deaths.push_back(Instant::now());
         if self.deaths.len() > CRASH_LOOP_DEATHS + 1 {
@@ -324,7 +324,7 @@ impl Child {
         }
     }
 
-    /// At once where it has published a frame, else, and in a crash loop, after a growing delay.
+    /// Plans a restart: at once if it has published a frame; otherwise, and in a crash loop, after a growing delay.
     pub(super) fn plan_restart(&mut self) {
         let is_recent = |death: &Instant| death.elapsed() < CRASH_LOOP_TIME;
         self.is_crash_loop &= self.deaths.front().is_some_and(is_recent);
@@ -335,7 +335,7 @@ impl Child {
         self.delay = (delay * 2).clamp(DELAY_FIRST, DELAY_MAX);
     }
 
-    /// Whether a planned restart's time has come, and what the process before it had started is gone.
+    /// Whether a planned restart is due, and the processes that the process before it had started are gone.
     pub(super) fn is_due(&self) -> bool {
         self.due.is_some_and(|due| {
             let late = Instant::now().saturating_duration_since(due);
@@ -343,14 +343,14 @@ impl Child {
         })
     }
 
-    /// It, or what it started.
+    /// Whether it, or a process that it started, is running.
     pub(super) fn is_running(&mut self) -> bool {
         let group = Pid::from_raw(self.pid() as i32);
         let process = self.process.as_mut();
         process.is_some_and(|process| !matches!(process.try_wait(), Ok(Some(_))) || is_alive(group))
     }
 
-    /// By force, and waits until it is gone.
+    /// Kills it, and waits until it is gone.
     pub(super) fn kill(&mut self) {
         self.signal(Signal::KILL);
         let group = Pid::from_raw(self.pid() as i32);
@@ -377,14 +377,14 @@ fn oom_kills() -> u64 {
     count.unwrap_or(0)
 }
 
-/// By a signal (state T of the kernel).
+/// Whether a signal has stopped the process (state T of the kernel).
 fn is_stopped(pid: u32) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
     let rest = stat.rsplit(')').next();
     rest.is_some_and(|rest| rest.trim_start().starts_with(['T', 't']))
 }
 
-/// A frame may take twice as long as the longest one so far: a slow network is no hang. 0: no limit.
+/// The longest silence that is allowed. A frame may take twice as long as the longest one so far, so a slow network is no hang. 0: no limit.
 fn heartbeat_limit_ms(own: &StageSettings, run_max_us: u32) -> u64 {
     let twice_ms = u64::from(run_max_us) / 500;
     own.heartbeat_max_ms.max(twice_ms) * u64::from(own.heartbeat_max_ms > 0)

@@ -1,4 +1,4 @@
-//! JSON lines to a reader that may be slow, stand still or leave: a thread of its own, so that it never stops the supervisor.
+//! Writes JSON lines in a separate thread, so that a reader that is slow, stops or leaves never stops the supervisor.
 
 use std::io::{self, ErrorKind, Write, stdout};
 use std::thread::JoinHandle;
@@ -10,11 +10,11 @@ use serde::Serialize;
 
 use crate::settings::Pace;
 
-/// Lines that wait for the reader.
+/// Largest number of lines that wait for the reader.
 const LINES_WAITING: usize = 64;
-/// At pace `complete` ingest holds while so many wait: far enough from the end for the frames on their way.
+/// At pace `complete` ingest waits while this many lines wait: the queue still has room for the frames in the pipeline.
 const LINES_HOLD: usize = 32;
-/// At the end the reader has so long where the program was asked to end; at pace `sensor`, so long for each line.
+/// Time for the reader at the end if the program was asked to end; the next limit is the time for each line at pace `sensor`.
 const END_PATIENCE: Duration = Duration::from_millis(300);
 const IDLE_PATIENCE: Duration = Duration::from_secs(2);
 
@@ -42,7 +42,7 @@ impl LineWriter {
         Ok(self.hand_on(serde_json::to_vec(line)?))
     }
 
-    /// The same of text.
+    /// Like [`LineWriter::write`], for text.
     pub(crate) fn hand_on(&mut self, mut line: Vec<u8>) -> bool {
         line.push(b'\n');
         let sent = self.lines.try_send(line);
@@ -58,7 +58,7 @@ impl LineWriter {
         self.pace == Pace::Complete && self.lines.len() >= LINES_HOLD
     }
 
-    /// Waits for the reader, after a run that failed not for ever; gives the lines that were dropped. `is_stopping`: whether the program was asked to end.
+    /// Waits for the reader, but not for ever after a failed run. Returns the number of dropped lines. `is_stopping`: asked to end.
     pub(crate) fn finish(
         self,
         has_failed: bool,
@@ -68,7 +68,7 @@ impl LineWriter {
         while !self.thread.is_finished() {
             let left = lines.as_ref().map_or(0, Sender::len);
             if left == 0 {
-                // Then the thread ends.
+                // Without a sender the thread ends.
                 lines = None;
             }
             if left != waiting && !is_stopping() {
@@ -81,7 +81,7 @@ impl LineWriter {
                 (false, _) => IDLE_PATIENCE,
             };
             if since.elapsed() > patience {
-                // One more is being written.
+                // One more line is being written.
                 return Ok(self.dropped + waiting as u64 + 1);
             }
             std::thread::sleep(Duration::from_millis(2));

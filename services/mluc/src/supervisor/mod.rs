@@ -1,4 +1,4 @@
-//! Starts the four stages as processes, keeps them running, takes their objects, and ends all of it without a trace.
+//! Starts the four stages as processes, keeps them running, takes their objects, and ends and cleans up all of it.
 
 mod budget;
 mod child;
@@ -41,23 +41,23 @@ pub(crate) struct Left<'a> {
     pub(crate) points: &'a [Point],
 }
 
-/// Takes what leaves the pipeline, and writes what it tells of it. It must not wait: the supervisor would.
+/// Takes the frames that leave the pipeline, and writes lines about them. It must not wait: the supervisor would wait too.
 pub(crate) trait Sink {
-    /// False: no more are wanted.
+    /// Takes a frame. False: no more frames are wanted.
     fn take(&mut self, left: Left<'_>, writer: &mut LineWriter) -> anyhow::Result<bool>;
 
-    /// Points are kept for [`Sink::take`].
+    /// Whether points are kept for [`Sink::take`].
     fn needs_points(&self) -> bool {
         false
     }
 
-    /// The pipeline's state changed. False: no more is wanted.
+    /// The pipeline's state changed. False: no more frames are wanted.
     fn tell(&mut self, _status: &Status, _writer: &mut LineWriter) -> anyhow::Result<bool> {
         Ok(true)
     }
 }
 
-/// What becomes of the frames that leave.
+/// Where the frames that leave go.
 struct Out<'a> {
     sink: &'a mut dyn Sink,
     writer: LineWriter,
@@ -66,18 +66,18 @@ struct Out<'a> {
 /// How a run went.
 #[derive(Debug, Default)]
 pub(crate) struct Outcome {
-    /// In the last run.
+    /// Frames that came in, and that came out, in the last run.
     pub(crate) frames_in: u64,
     pub(crate) frames_out: u64,
-    /// Frames that never came, before one that did.
+    /// Frames that never came out, although a later one did.
     frames_skipped: u64,
     pub(crate) restarts: u32,
     /// Names of scans that killed stages.
     pub(crate) set_aside: Vec<String>,
     pub(crate) latencies: Latencies,
-    /// At the end.
+    /// The status at the end.
     pub(crate) status: Status,
-    /// Ended by a signal: what was not finished is not lost.
+    /// Ended by a signal: unfinished frames do not count as lost.
     pub(crate) is_interrupted: bool,
 }
 
@@ -96,34 +96,34 @@ impl Outcome {
     }
 }
 
-/// Asked to end, stages get this long before they are killed: together with the rest below a second.
+/// How long stages may take to end when asked, before they are killed. The whole end takes less than a second.
 const END_PATIENCE: Duration = Duration::from_millis(600);
-/// Deaths of stages that work on a scan until it is set aside.
+/// Number of deaths of stages that work on a scan, from which the scan is set aside.
 const KILLS_MAX: u32 = 2;
-/// That of the supervisor, in the instance.
+/// The role of the supervisor in the instance.
 pub(crate) const ROLE: &str = "pipeline";
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
-/// The supervisor itself stood still so long: nothing is known of the stages in that time.
+/// If the supervisor itself pauses for this long, nothing is known about the stages in that time.
 const PAUSE_NS: u64 = 500_000_000;
 
 struct Supervisor {
     args: PipelineArgs,
     settings: Settings,
-    /// By SIGHUP.
+    /// Set by SIGHUP.
     is_asked_to_reload: Arc<AtomicBool>,
     classes: Vec<String>,
     run: RunDescription,
     objects: Input<Object>,
-    /// What ingest has sent; held where the sink needs points.
+    /// The scans that ingest has sent; they are kept if the sink needs points.
     scans: Scans,
     health: HealthWatch,
     status: StatusWriter,
-    // The ports go before the shell.
+    // The ports are dropped before the shell.
     shell: Shell,
     children: Vec<Child>,
-    /// The input, where ingest reads files.
+    /// The input, if ingest reads files.
     source: Option<Source>,
-    /// How many deaths each scan is to blame for.
+    /// How many deaths each scan has caused.
     kills: BTreeMap<u64, u32>,
     control: Control,
     is_control_untold: bool,
@@ -132,13 +132,13 @@ struct Supervisor {
     model: PinnedModel,
     model_change: Option<ModelChange>,
     next_sequence: u64,
-    /// The last look at the stages, and since when there was no pause between two.
+    /// The time of the last check of the stages, and since when there was no pause between two checks.
     looked_ns: u64,
     regular_since_ns: u64,
     outcome: Outcome,
 }
 
-/// How a run went, and how many lines the reader of standard output lost. `args`: what `settings` were resolved from, for a reload.
+/// Returns how a run went, and how many lines were dropped. `args`: the arguments that gave `settings`, for a reload.
 pub(crate) fn run(
     args: PipelineArgs,
     settings: Settings,
@@ -216,7 +216,7 @@ fn supervise(
     };
     let told = supervisor.tell_status(out, Some(why));
     supervisor.end_all();
-    // Their last heartbeats.
+    // Takes the last heartbeats of the stages.
     supervisor.health.update()?;
     supervisor.outcome.status = (supervisor.status).count(&supervisor.health, &supervisor.outcome);
     result.and(told).map(|_| supervisor.outcome)
@@ -229,7 +229,7 @@ fn was_asked(health: &mut HealthWatch) -> anyhow::Result<bool> {
     Ok(ingest.is_some_and(|health| health.reason() == Health::ASKED_TO_END))
 }
 
-/// What is wrong with the input or the model is said here, once, and not by four processes.
+/// Checks input and model, so that an error is reported here once and not by four processes.
 fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> {
     for stage in Stage::ALL {
         if let Err(error) = settings.stages[stage].check_right(stage.name()) {
@@ -262,7 +262,7 @@ fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> 
         let text = "--input is missing: a folder of scans, or one";
         return Err(UsageError(text.to_string()).into());
     }
-    // The socket is ingest's; a live scan never comes again.
+    // Ingest needs the socket, and a live scan cannot be read again.
     let source = source.filter(|source| !source.is_live());
     Ok((source, model::load_for(settings)?))
 }
@@ -311,7 +311,7 @@ impl Supervisor {
         }
     }
 
-    /// Whether our own stages take frames; one of somebody else may send no heartbeats.
+    /// Whether our own stages take frames; a foreign stage may send no heartbeats.
     fn is_ready(&self) -> bool {
         let is_own = |stage: &Stage| {
             let own = &self.settings.stages[*stage];
@@ -321,7 +321,7 @@ impl Supervisor {
         own.all(|stage| self.health.is_ready(stage))
     }
 
-    /// The run is another process's: a new one of it begins at frame 0.
+    /// Follows a new run that another process has begun: it begins at frame 0.
     fn follow_run(&mut self) {
         if let Some(run) = self.shell.run()
             && run.run_id != self.run.run_id
@@ -349,14 +349,14 @@ impl Supervisor {
 
     /// False: the sink wants no more.
     fn take_objects(&mut self, out: &mut Out) -> anyhow::Result<bool> {
-        // Bounded: a refiner that publishes without end stops nothing else.
+        // Bounded: a refiner that publishes without pause must not block the supervisor.
         for _ in 0..2 * Topic::OBJECTS.buffer {
             let Some(message) = self.objects.oldest()? else {
                 break;
             };
             let header = *message.header();
             self.take_scans()?;
-            // A refiner that outlived a run hands on the last message of that one.
+            // A refiner that outlived a run may still publish the last message of that run.
             if header.wire_version == WIRE_VERSION && header.run_id != self.run.run_id {
                 let sequence = header.sequence;
                 tracing::debug!(sequence, "objects of another run left out");
@@ -364,10 +364,10 @@ impl Supervisor {
             }
             let sent = self.scans.count_sent();
             if header.sequence < sent {
-                // Ingest at pace `complete` waits for it: more than two messages would not wait here.
+                // Ingest at pace `complete` waits for this note: the queue here has room for only two messages.
                 self.shell.note_frame(Some(header.sequence));
             }
-            // A copy: a refiner that goes on writing changes nothing that was checked.
+            // A copy: a refiner that goes on writing cannot change what was checked.
             let elements = message.elements().to_vec();
             let checked = header
                 .checked_in(&self.run, 0..sent)
@@ -379,7 +379,7 @@ impl Supervisor {
                     continue;
                 }
             };
-            // A frame that was sent again may answer twice.
+            // The objects of a frame that was sent again may come twice.
             if header.sequence < self.next_sequence {
                 continue;
             }
@@ -412,7 +412,7 @@ impl Supervisor {
         Ok(true)
     }
 
-    /// Restarts what died. True: ingest has come to the end of its input.
+    /// Restarts stages that died. True: ingest has come to the end of its input.
     fn look_after_children(&mut self) -> anyhow::Result<bool> {
         let now_ns = monotonic_ns();
         if now_ns - self.looked_ns > PAUSE_NS {
@@ -438,11 +438,11 @@ impl Supervisor {
                 killed_by.push((child.stage, sequence));
             }
         }
-        // Before the restart: the scan is not sent a third time.
+        // This comes before the restart, so that the scan is not sent a third time.
         for (stage, sequence) in killed_by {
             self.blame(stage, sequence);
         }
-        // With all that the ingest before has sent until its end.
+        // Counts all scans that the ended ingest has sent.
         self.take_scans()?;
         let start_sequence = self.start_sequence();
         for child in self.children.iter_mut().filter(|child| child.is_due()) {
@@ -454,7 +454,7 @@ impl Supervisor {
         Ok(false)
     }
 
-    /// A stage died while it worked on a frame. A scan that does so twice is set aside.
+    /// Counts the death of a stage that was working on a frame. A scan that causes two deaths is set aside.
     fn blame(&mut self, stage: Stage, sequence: u64) {
         let Some(source) = &self.source else {
             return;
@@ -475,7 +475,7 @@ impl Supervisor {
         self.tell_stages();
     }
 
-    /// Shared memory may be full: the run goes on, and it is tried again.
+    /// Writes the control file. If this fails (shared memory may be full), the run goes on, and the write is tried again.
     fn tell_stages(&mut self) {
         let written = self.control.write(&self.settings.instance);
         self.is_control_untold = written.is_err();
@@ -486,13 +486,13 @@ impl Supervisor {
 
     fn start_sequence(&self) -> u64 {
         match self.settings.pace {
-            // The scan is sent again; a live sensor's is gone, and its next one is another.
+            // The scan is sent again. A live sensor's scan is gone, so its next scan has a new sequence.
             Pace::Complete if self.source.is_some() => self.next_sequence,
             _ => self.next_sequence.max(self.scans.count_sent()),
         }
     }
 
-    /// SIGTERM to all, SIGKILL to those that stay; nothing is left running.
+    /// Sends SIGTERM to all stages, and SIGKILL to those that stay: nothing is left running.
     fn end_all(&mut self) {
         for child in &mut self.children {
             child.signal(Signal::TERM);

@@ -1,4 +1,4 @@
-//! What a supervisor that was killed left: its stages, which the kernel asks to end, and their ports.
+//! Cleans up after a supervisor that was killed: its stages, which the kernel asks to end, and their ports.
 
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -9,14 +9,14 @@ use rustix::process::{Pid, Signal, geteuid, kill_process};
 
 /// Orphans end by themselves within a frame; one that does not is killed.
 const ORPHAN_PATIENCE: Duration = Duration::from_secs(1);
-/// Cleaning takes 20 ms; a guess with room.
+/// Limit of the cleaning, which takes 20 ms; a generous guess.
 const CLEAN_PATIENCE: Duration = Duration::from_secs(3);
 
-/// What the stages of a supervisor, and all that they start, carry in their environment.
+/// Environment variable of the stages of a supervisor, and of all that they start.
 pub(super) const MARK: &str = "MLUC_SUPERVISOR";
 
-/// Whose they are: user, processes that see each other (a container's are a world of their own), instance, and a process that no
-/// later one is taken for.
+/// The variable's value, which identifies the supervisor: user, PID namespace (a container has its own), instance, process id, and
+/// the start of the process, so that no later process is taken for it.
 pub(super) fn mark(instance: &Instance) -> String {
     let pid = std::process::id();
     mark_start(instance) + &format!("{pid}/{}", start_of(pid).unwrap_or_default())
@@ -28,11 +28,11 @@ fn mark_start(instance: &Instance) -> String {
     format!("{user}/{}/{name}/", namespace.display())
 }
 
-/// When a process that lives began, in the kernel's ticks: field 22; the second, a name, may hold anything.
+/// When a living process began, in the kernel's ticks: field 22. Field 2, a name, may contain any character.
 fn start_of(pid: u32) -> Option<String> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     let mut fields = stat.rsplit(')').next()?.split_whitespace();
-    // One whose parent has not heard of its end is dead all the same.
+    // A zombie, whose parent has not taken its exit code yet, is dead too.
     let is_dead = matches!(fields.next()?, "Z" | "X");
     let start = fields.nth(18)?.to_string();
     (!is_dead).then_some(start)
@@ -77,7 +77,7 @@ fn orphans(instance: &Instance) -> Vec<u32> {
     pids.filter(is_orphan).collect()
 }
 
-/// Has the ports of dead processes removed, by a process of its own: iceoryx2's cleaning may hang.
+/// Removes the ports of dead processes in a separate process, because iceoryx2's cleaning may hang.
 pub(super) fn clean(instance: &Instance) -> anyhow::Result<()> {
     let mut command = Command::new(crate::external::own_program());
     command.args(["clean", "--instance", instance.name()]);

@@ -1,7 +1,7 @@
-//! Other thresholds while a run is on: read and checked first; then all stages take them from one frame on, or none does.
+//! New thresholds during a run: they are read and checked first; then all stages use them from one frame on, or none does.
 //!
-//! Another model is made ready by all stages first, beside the one that they run with. Then ingest gives its fingerprint to the next
-//! frame, and each stage computes a frame with the model of its fingerprint, or not at all.
+//! All stages first make another model ready, while they run with the old one. Then ingest gives the new fingerprint to the next
+//! frame. Each stage computes a frame with the model of the frame's fingerprint, or not at all.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -16,17 +16,17 @@ use crate::control::{Reload, Thresholds};
 use crate::{document, model};
 use crate::{model::PinnedModel, resolve::below, settings::Settings, stages::describe_run};
 
-/// What may change. Processes, ports and memory were made for the rest.
+/// The keys that may change. Processes, ports and memory were made for the values of the others.
 const MAY_CHANGE: &str = "model, lambda, unknown_min, profile, min_score, min_unknown_score";
-/// Scans that may be sent until the stages are told: two periods of the sensor at least.
+/// Scans that may be sent before the stages know of the change: two periods of the sensor at least.
 const FRAMES_AHEAD: u64 = 3;
-/// Until all stages have made another model ready. It takes some 0.5 s; a guess for slow machines without time to spare.
+/// Time until all stages have made another model ready. It takes about 0.5 s; the limit is a guess for slow and busy machines.
 const READY_MAX: Duration = Duration::from_secs(60);
 
 /// A model that the stages make ready.
 pub(super) struct ModelChange {
     next: PinnedModel,
-    /// With it.
+    /// The settings with this model.
     settings: Settings,
     run: RunDescription,
     /// What changes, in words.
@@ -35,7 +35,7 @@ pub(super) struct ModelChange {
 }
 
 impl Supervisor {
-    /// Not before the first frame of the last reload came.
+    /// Starts a reload that was requested, but not before the first frame of the last reload came.
     pub(super) fn reload_if_asked(&mut self) {
         let last = self.control.reload.as_ref();
         let last = last.filter(|last| last.run_id == self.run.run_id);
@@ -52,7 +52,7 @@ impl Supervisor {
             Err(error) => (true, format!("refused, the old settings stay: {error:#}")),
         };
         if is_refused {
-            // Of the change that this answers.
+            // Removes the copy of the model that is refused.
             PinnedModel::remove(&self.settings.instance, self.control.answer.0 + 1);
         }
         if let Some(reload) = &mut self.control.reload
@@ -65,7 +65,7 @@ impl Supervisor {
         self.tell_stages();
     }
 
-    /// What came of it; `None`: nothing yet, the model changes.
+    /// Reads the settings again. Returns the result in words; `None`: no result yet, the model is being changed.
     fn reload(&mut self) -> anyhow::Result<Option<String>> {
         self.is_asked_to_reload.store(false, Ordering::Relaxed);
         let mut settings = Settings::resolve(self.args.clone())?;
@@ -79,7 +79,7 @@ impl Supervisor {
         let keys = changed.join(", ") + why;
         let mut next = None;
         if model.fingerprint != self.run.model_fingerprint {
-            // Frames of both count from now on.
+            // From now on, frames of both models are valid.
             self.run.other_model_fingerprint = model.fingerprint;
             self.shell.describe_run(&self.run)?;
             let is_ours = self.shell.run() == Some(&self.run);
@@ -128,9 +128,9 @@ impl Supervisor {
     fn go_on_changing(&mut self, change: ModelChange) -> anyhow::Result<Option<String>> {
         for stage in Stage::ALL {
             let (own, name) = (&self.settings.stages[stage], stage.name());
-            // Backbone and head are nobody else's.
+            // Backbone and head are always our programs, whoever starts them.
             let is_ours = !own.external && own.command.is_none();
-            // Not the report of a process that has died since.
+            // The living process: the report of a process that has died since does not count.
             let pid = match self.children[stage as usize].pid() {
                 pid if is_ours => pid,
                 _ => self.health.of(stage).map_or(0, |health| health.pid),
@@ -156,7 +156,7 @@ impl Supervisor {
         let before = std::mem::replace(&mut self.model, change.next);
         let _ = std::fs::remove_dir_all(before.file.with_file_name(""));
         let by_sequence = self.scans.count_sent() + FRAMES_AHEAD;
-        // A second reload waits for it.
+        // A second reload waits for this frame.
         let reload = self.control.reload.iter_mut();
         reload.for_each(|reload| reload.from_sequence = by_sequence);
         let fingerprint = self.model.fingerprint;
@@ -170,18 +170,18 @@ impl Supervisor {
         let has_pace = self.settings.pace == new.pace;
         let [old, new] = [&self.settings, new].map(Table::try_from);
         find_changes(&old?, &new?, "", &mut changed);
-        // The settings name a copy.
+        // The settings name a copy, so the fingerprints are compared below.
         changed.retain(|key| key != "model");
-        // Its default goes with the pace, which is the key that somebody changed.
+        // The default of the budget depends on the pace: if the pace changed, only the pace is named.
         changed.retain(|key| key != "budget_ms" || has_pace);
-        // A replay has none, whatever a file says.
+        // A replay has no loop, whatever a file says.
         changed.retain(|key| key != "loop" || self.settings.repeat);
         if model.fingerprint != self.run.model_fingerprint {
             changed.push("model".to_string());
         }
         let (expected, found) = (&self.classes, model.manifest.class_names());
         if found != *expected {
-            // Consumers know them by number.
+            // Consumers know the classes by number.
             bail!("model: expected classes {expected:?}, found {found:?}: start anew for others");
         }
         let may_change = |key: &&String| MAY_CHANGE.split(", ").any(|own| own == *key);
@@ -193,7 +193,7 @@ impl Supervisor {
 }
 
 fn thresholds(settings: &Settings) -> Thresholds {
-    // A model has one of them.
+    // A model has one of the two thresholds.
     let gate = settings.lambda.or(settings.unknown_min);
     (gate.unwrap_or_default() as f32, settings.refiner.score_min)
 }

@@ -5,7 +5,7 @@ use mluc_gateway::lines::{latency_us, stage_times};
 use mluc_ipc_types::{FrameHeader, Stage, Status};
 use smart_default::SmartDefault;
 
-/// Longest time told apart, us: ten minutes.
+/// Upper bound of the histograms, us: ten minutes.
 const LONGEST_US: u64 = 600_000_000;
 
 /// Latencies of all frames, us.
@@ -19,7 +19,7 @@ pub(crate) struct Latencies {
     total: Histogram<u64>,
 }
 
-/// No times yet; three digits are kept of each.
+/// A histogram without times; it keeps three digits of each time.
 fn empty() -> Histogram<u64> {
     Histogram::new_with_bounds(1, LONGEST_US, 3).expect("constant bounds that fit")
 }
@@ -49,7 +49,7 @@ impl Latencies {
         self.total.saturating_record(latency_us(header).max(1));
     }
 
-    /// The table, ms; the first frame counts too.
+    /// The table, in ms; it includes the first frame.
     pub(crate) fn table(&self) -> String {
         let mut text = String::from("latency, ms        p50      p99      max\n");
         let mut row = |name: &str, us: &Histogram<u64>| {

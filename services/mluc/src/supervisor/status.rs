@@ -1,4 +1,4 @@
-//! What the pipeline is worth at this moment, judged by a clock and not by messages, so that what stopped is told too.
+//! The current state of the pipeline, judged by a clock and not by messages, so that a stopped pipeline is reported too.
 
 use mluc_gateway::lines::latency_us;
 use mluc_ingest::estimate::View;
@@ -13,23 +13,23 @@ use super::Outcome;
 use super::budget::{Budgets, LASTING_NS};
 use crate::settings::Settings;
 
-/// Between two messages where nothing changes.
+/// Time between two messages while nothing changes, ns.
 const PERIOD_NS: u64 = 500_000_000;
-/// Between two looks at what the sensor sees.
+/// Time between two checks of what the sensor sees, ns.
 const LOOK_NS: u64 = 250_000_000;
-/// A better state holds so long before it is told.
+/// A better state must last this long before it is shown, ns.
 const HOLD_NS: u64 = 500_000_000;
-/// A run without a result for so long has stopped, ns.
+/// A run without a result for this long has stopped, ns.
 const START_MAX_NS: u64 = 30_000_000_000;
 /// The longest period of a sensor that is not known to be slower, by its configured rate or the run's first scans, ns.
 const PERIOD_MAX_NS: u64 = 1_000_000_000;
-/// Before two scans came nobody knows the sensor's period.
+/// The sensor's period, ns, that is assumed before two scans came.
 const PERIOD_UNKNOWN_NS: u64 = 1_000_000_000;
-/// Results this much later than late are no longer awaited; so is a stage's heartbeat.
+/// Results this much older (ns) than the limit for late are no longer expected; a stage without a heartbeat for this long is silent.
 const SILENCE_NS: u64 = Topic::SILENCE_MAX.as_nanos() as u64;
-/// A larger share of points that are not finite is no scan. Sky gives drivers that write such points half of them.
+/// A scan with a larger share of points that are not finite is unusable. With drivers that write such points, half of a scan is sky.
 const NOT_FINITE_MAX: f32 = 0.9;
-/// Flags of a result that is not what it could be; those that say why the input is suspect go with them.
+/// Flags of a result of reduced quality; the flags that say why the input is suspect count too.
 const COMPLAINTS: [&str; 5] = [
     "input_suspect",
     "damaged_input",
@@ -41,7 +41,7 @@ const COMPLAINTS: [&str; 5] = [
 /// A state and why.
 type Verdict = (StatusState, String);
 
-/// Judges and publishes.
+/// Judges the state of the pipeline and publishes it.
 pub(super) struct StatusWriter {
     output: Output<Status>,
     view: View,
@@ -51,12 +51,12 @@ pub(super) struct StatusWriter {
     counts: StageCounts,
     run_id: u64,
     shown: Verdict,
-    /// Since when the state is what it is; `u64::MAX`: that it lasts was said.
+    /// Since when the state has not changed, ns; `u64::MAX`: its duration was already reported.
     state_since_ns: u64,
     /// Since when every judgement was better than what is shown.
     better_since_ns: Option<u64>,
     published: Status,
-    /// As of the last tick.
+    /// The status at the last tick.
     pub(super) current: Status,
 }
 
@@ -87,7 +87,7 @@ impl StatusWriter {
         })
     }
 
-    /// A new run forgets what the last one saw.
+    /// Discards what the last run saw when a new run begins.
     fn follow(&mut self, run: &RunDescription) {
         if self.run_id != run.run_id {
             self.run_id = run.run_id;
@@ -103,7 +103,7 @@ impl StatusWriter {
         }
     }
 
-    /// A scan that ingest has sent.
+    /// Takes a scan that ingest has sent.
     pub(super) fn see(&mut self, run: &RunDescription, scan: &Message<Point>) {
         self.follow(run);
         let header = scan.header();
@@ -121,14 +121,14 @@ impl StatusWriter {
         self.facts.sees_nothing = self.view.sees_nothing();
     }
 
-    /// A result that came out.
+    /// Takes a result that came out.
     pub(super) fn record(&mut self, run: &RunDescription, header: &FrameHeader) {
         self.follow(run);
         self.facts.take_result(header);
         self.budgets.record(header);
     }
 
-    /// Judges, and publishes what changed or is due; gives it where state, reason or sight changed. `end`: why the pipeline ends.
+    /// Judges the state, and publishes it if it changed or is due. Returns it if state, reason or sight changed. `end`: why the pipeline ends.
     pub(super) fn tick(
         &mut self,
         run: &RunDescription,
@@ -169,11 +169,11 @@ impl StatusWriter {
         Ok(has_changed.then_some(status))
     }
 
-    /// What is worse is shown at once, what is better when it lasts.
+    /// Shows a worse state at once, and a better one only if it lasts.
     fn show(&mut self, now_ns: u64, verdict: Verdict) {
         let is_begun = ![verdict.0, self.shown.0].contains(&StatusState::Starting);
         let is_better = is_begun && verdict.0 < self.shown.0;
-        // Where no pace is held, time says nothing of frames.
+        // Without a budget, time says nothing about frames.
         let hold_ns = self.facts.budget_ns.map_or(0, |_| HOLD_NS);
         if is_better && now_ns - *self.better_since_ns.get_or_insert(now_ns) < hold_ns {
             return;
@@ -182,7 +182,7 @@ impl StatusWriter {
         self.shown = verdict;
     }
 
-    /// Said once for each time that the pipeline is late.
+    /// Reports, once for each time that the pipeline is late, that this lasts.
     fn judge_lateness(&mut self, now_ns: u64) {
         let is_late = self.shown.0 == StatusState::Late;
         if is_late && now_ns.saturating_sub(self.state_since_ns) > LASTING_NS {
@@ -202,7 +202,7 @@ impl StatusWriter {
         }
     }
 
-    /// What is shown, with the counts as of now.
+    /// The state that is shown, with the current counts.
     pub(super) fn count(&mut self, health: &HealthWatch, outcome: &Outcome) -> Status {
         self.counts.update(health);
         let now_ns = monotonic_ns();
@@ -229,7 +229,7 @@ impl StatusWriter {
     }
 }
 
-/// What the stages have published in a run, over the lives of their processes.
+/// Frames that the stages have published in a run, over the restarts of their processes.
 #[derive(Clone, Debug, Default)]
 struct StageCounts {
     /// Process and count of the newest heartbeat.
@@ -246,7 +246,7 @@ impl StageCounts {
             let (seen, out) = (&mut self.seen[stage as usize], heartbeat.frames_out);
             self.out[stage as usize] += match *seen {
                 (pid, before) if pid == heartbeat.pid => out.saturating_sub(before),
-                // It may have been there before the run.
+                // The process may have published before the run.
                 (0, _) => 0,
                 _ => out,
             };
@@ -254,7 +254,7 @@ impl StageCounts {
         }
     }
 
-    /// Held against what is known for sure: a process that was killed took its last counts along, and a frame that was sent again is one frame.
+    /// The counts within limits that are known for sure: the last counts of a killed process are lost, and a resent frame is one frame.
     fn out(&self, frames_in: u64, frames_out: u64) -> [u64; 4] {
         let mut out = self.out;
         out[Stage::Ingest as usize] = frames_in;
@@ -279,17 +279,17 @@ struct Newest {
     is_usable: bool,
 }
 
-/// What a judgement rests on.
+/// The facts that a judgement is based on.
 #[derive(Clone, Debug, Default)]
 struct Facts {
-    /// `None`: no pace is held, results come when they come.
+    /// `None`: there is no budget; results may come at any time.
     budget_ns: Option<u64>,
     /// When the run began.
     begun_ns: u64,
-    /// The sensor's period by the settings; 0: not told.
+    /// The sensor's period according to the settings; 0: not given.
     period_ns: u64,
     newest: Option<Newest>,
-    /// The longest way of a result, ns.
+    /// The longest latency of a result, ns.
     longest_ns: u64,
     /// The newest scan: sequence and arrival.
     scan: Option<(u64, u64)>,
@@ -317,13 +317,13 @@ impl Facts {
             }
         }
         self.scan = Some((header.sequence, arrived_ns));
-        // Of the points alone, those that did not fit are finite.
+        // Only the points that are not finite: dropped points that did not fit are finite.
         let not_finite = header.points_dropped.saturating_sub(header.limit_dropped);
         self.not_finite_share = (not_finite as f32 / header.points_in.max(1) as f32).min(1.0);
     }
 
     fn take_result(&mut self, header: &FrameHeader) {
-        // A stamp of the future is no age.
+        // A stamp from the future gives no negative age.
         let (now_ns, received_ns) = (monotonic_ns(), header.stages[0].received_ns);
         let way_ns = latency_us(header).saturating_mul(1000);
         let way_ns = way_ns.min(now_ns.saturating_sub(received_ns));
@@ -336,12 +336,12 @@ impl Facts {
         });
     }
 
-    /// Ages of the newest result from which it is late and from which no more are awaited, ns.
+    /// Ages of the newest result, ns: from the first it is late, from the second no more results are expected.
     fn limits_ns(&self) -> [u64; 2] {
         let Some(budget_ns) = self.budget_ns else {
             return [u64::MAX, SILENCE_NS + 2 * self.longest_ns];
         };
-        // The shorter of two, and bounded: an outage is no period.
+        // The shorter of two periods, with an upper bound: an outage is no period.
         let period_ns = match self.periods_ns[0] {
             0 => PERIOD_UNKNOWN_NS,
             before_ns => before_ns.min(self.periods_ns[1]),
@@ -351,7 +351,7 @@ impl Facts {
         [late_ns, late_ns + SILENCE_NS]
     }
 
-    /// `stage`: the stage with the worst to say, and whether that costs results.
+    /// `stage`: whether results suffer, and what the stage in the worst state says.
     fn judge(&self, now_ns: u64, stage: Option<(bool, String)>) -> Verdict {
         use StatusState::{Blind, Degraded, Late, Running, Starting, Stopped};
         let because = |what: &str| match &stage {
@@ -406,7 +406,7 @@ impl Facts {
         if self.is_ground_lost {
             return (Degraded, "the ground is not found any more".to_string());
         }
-        // What was left out, where something was.
+        // `limit_work` says what was left out, if something was.
         let is_cut = newest.flags.contains(Flags::DEGRADED);
         let is_complaint = |name: &&str| {
             let is_why = name.starts_with("suspect_") || (is_cut && *name == "limit_work");
@@ -414,7 +414,7 @@ impl Facts {
         };
         let complaints: Vec<_> = newest.flags.names().filter(is_complaint).collect();
         if !complaints.is_empty() {
-            // The stage that set them may know more.
+            // The stage that set the flags may know more.
             let more = stage.filter(|(costs, _)| *costs);
             let more = more.map_or(String::new(), |(_, why)| format!("; {why}"));
             return (Degraded, format!("flags: {}{more}", complaints.join(", ")));
@@ -426,7 +426,7 @@ impl Facts {
     }
 }
 
-/// What the stage that is worst off says, and whether results suffer from it.
+/// Whether results suffer from a stage, and what the stage in the worst state says.
 fn worst_stage(health: &HealthWatch, now_ns: u64) -> Option<(bool, String)> {
     let words = Stage::ALL.into_iter().filter_map(|stage| {
         let name = stage.name();
@@ -449,7 +449,7 @@ fn worst_stage(health: &HealthWatch, now_ns: u64) -> Option<(bool, String)> {
     });
     let words: Vec<_> = words.collect();
     let costs = words.iter().any(|(_, costs, _)| *costs);
-    // Of equals the first one in the order of the frames.
+    // Of equal ones, the first stage in the order of the frames.
     let worst = words
         .into_iter()
         .min_by_key(|(rank, ..)| std::cmp::Reverse(*rank))?;
@@ -489,12 +489,12 @@ mod tests {
             out,
             ..StageCounts::default()
         };
-        // The backbone was killed with 2 counts untold; frames were sent twice.
+        // The backbone was killed before it had reported 2 frames; in the second case, frames were sent twice.
         assert_eq!(counts([0, 88, 90, 89]).out(100, 88), [100, 90, 90, 89]);
         assert_eq!(counts([0, 12, 12, 12]).out(10, 10), [10; 4]);
     }
 
-    /// What is changed, ms after the scan's arrival, what the worst stage says, and the verdict.
+    /// Each line: what is changed, ms after the scan's arrival, what the worst stage says, and the verdict.
     const CASES: &str = include_str!("status_cases.txt");
 
     #[test]

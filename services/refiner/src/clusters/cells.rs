@@ -1,8 +1,8 @@
-//! What stands on the ground, in cells of 25 cm seen from above; cells near each other are united.
+//! The points that stand on the ground, in cells of 25 cm seen from above; cells near each other are united.
 //!
-//! Points of one cell belong together. Two cells belong together when any pair of their points is within the join
-//! distance of their mean range: so the result depends on no order of points or cells. Cells are added tile by tile of 1 m,
-//! at the latest when a component comes near: what is far from all that is asked for costs nothing.
+//! Points of one cell belong together. Two cells belong together when any pair of their points is within the join distance
+//! at their mean range, so the result does not depend on the order of points or cells. Cells are added in tiles of 1 m, at
+//! the latest when a component comes near: tiles far from all requested tiles cost nothing.
 
 use std::ops::Range;
 
@@ -14,56 +14,56 @@ use smart_default::SmartDefault;
 
 /// Side of a cell, m: its diagonal is below the shortest full join distance (0.4 m).
 const CELL_M: f32 = 0.25;
-/// Cells along a tile's side.
+/// Number of cells along a tile's side.
 const PER_TILE: u32 = 4;
 const _: () = assert!(SIDE == tiles::SIDE * PER_TILE as usize);
 const EMPTY: u32 = u32::MAX;
-/// Cells that any reach spans at most: join distances up to 3.5 m; beyond it a reach is cut short.
+/// Maximum reach in cells: enough for join distances up to 3.5 m; a longer reach is cut.
 const REACH_MAX: u32 = 15;
 
-/// More than what rounding takes from a distance, m.
+/// More than the rounding error of a distance, m.
 const ROUNDING_M: f32 = 0.001;
 
 /// One cell with points.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cell {
-    /// Place in the grid: row by row.
+    /// Index in the grid, row by row.
     place: u32,
-    /// First of its points, and how many.
+    /// Index of its first point, and number of its points.
     first: u32,
     pub(super) count: u32,
     /// Lowest x, y and highest x, y of its points, m.
     pub(super) extent_m: [f32; 4],
     /// Lowest and highest z of its points, m.
     pub(super) z_m: [f32; 2],
-    /// From the sensor's axis to its middle, m.
+    /// Distance from the sensor's axis to the cell's middle, m.
     range_m: f32,
 }
 
 /// The cells of one frame; buffers are reused.
 #[derive(Debug, SmartDefault)]
 pub(super) struct Cells {
-    /// Number of each place's cell.
+    /// Number of the cell at each place of the grid.
     #[default(vec![EMPTY; SIDE * SIDE])]
     number_at: Vec<u32>,
-    /// First cell of each tile, and one past its last; [`EMPTY`] where it was not added.
+    /// First cell of each tile, and one past its last cell; [`EMPTY`] for a tile that was not added.
     #[default(vec![[EMPTY; 2]; tiles::TILES])]
     tiles: Vec<[u32; 2]>,
     added: Vec<u32>,
     pub(super) cells: Vec<Cell>,
-    /// Of the points, cell by cell.
+    /// x and y of the points, m, cell by cell.
     pub(super) places_m: Vec<[f32; 2]>,
     pub(super) indices: Vec<u32>,
     /// Places of the cells that are not reached yet.
     left: Places,
-    /// Cells as united last, component by component,
+    /// The united cells, component by component.
     pub(super) reached: Vec<u32>,
-    /// and the end of each component among them.
+    /// The end of each component in `reached`.
     pub(super) ends: Vec<u32>,
 }
 
 impl Cells {
-    /// Forgets the last frame, touching only the places that it used.
+    /// Clears the last frame; touches only the places that it used.
     pub(super) fn clear(&mut self) {
         for cell in &self.cells {
             self.number_at[cell.place as usize] = EMPTY;
@@ -111,7 +111,7 @@ impl Cells {
         for cell in &mut self.cells[first_cell..] {
             cell.first = end;
             end += cell.count;
-            // Serves as the cursor below and comes out as it was.
+            // Serves as the cursor below, which restores its value.
             cell.count = 0;
         }
         self.places_m.resize(end as usize, [0.0; 2]);
@@ -128,7 +128,7 @@ impl Cells {
         self.added.push(tile as u32);
     }
 
-    /// The cells of the tiles, added before, that a square touches.
+    /// The cells of the added tiles that a square (centre and half side, m) touches.
     pub(super) fn around(&self, center_m: [f64; 2], half_side_m: f64) -> impl Iterator<Item = u32> {
         let tiles = tiles::tile_rows(center_m, half_side_m).flatten();
         tiles.flat_map(|tile| self.tiles[tile][0]..self.tiles[tile][1])
@@ -157,7 +157,7 @@ impl Cells {
         (x1 - x0).max(y1 - y0)
     }
 
-    /// The components of `own` at a join distance that grows with the range, or stays: into `reached` and `ends`.
+    /// Writes the components of `own` into `reached` and `ends`; the join distance may depend on the range.
     pub(super) fn unite(&mut self, own: &[u32], join_m: impl Fn(f32) -> f32) {
         for &cell in own {
             self.left.insert(self.cells[cell as usize].place);
@@ -165,7 +165,7 @@ impl Cells {
         self.flood_all(own.iter().copied(), join_m, |_, _| {});
     }
 
-    /// The whole components that hold any cell of the tiles added so far; `add` adds a tile that one comes near.
+    /// Finds the whole components that contain any cell of the tiles added so far; `add` adds a tile that a component comes near.
     pub(super) fn unite_whole(
         &mut self,
         join_m: impl Fn(f32) -> f32,
@@ -192,14 +192,14 @@ impl Cells {
             }
         };
         self.flood_all(0..self.cells.len() as u32, join_m, add_around);
-        // Tiles that a component came near, and did not reach.
+        // Cells of tiles that a component came near but did not reach.
         for cell in &self.cells {
             self.left.remove(cell.place);
         }
     }
 
-    /// A flood from every cell that none before has reached. Only cells that are left are met again, and only a join's
-    /// reach around; `prepare` is told of the columns and rows before.
+    /// Starts a flood at every root that no earlier flood has reached. A flood only visits cells that are left, within a
+    /// join's reach; `prepare` is called with these columns and rows before.
     fn flood_all(
         &mut self,
         roots: impl Iterator<Item = u32>,
@@ -217,7 +217,7 @@ impl Cells {
             while let Some(&a) = self.reached.get(next) {
                 next += 1;
                 let cell = self.cells[a as usize];
-                // Of no other cell around is the range longer.
+                // No other cell around has a longer range.
                 let most_m = join_m(cell.range_m + REACH_MAX as f32 * CELL_M);
                 let around = cell.around(most_m + ROUNDING_M);
                 prepare(self, &around);
@@ -227,7 +227,7 @@ impl Cells {
         }
     }
 
-    /// Reaches the cells that are joined to one of those reached.
+    /// Adds the cells that are joined to `cell` to the reached cells.
     fn reach(
         &mut self,
         cell: &Cell,
@@ -257,8 +257,8 @@ impl Cells {
         let (a, b) = if a.place < b.place { (a, b) } else { (b, a) };
         let join = join_m((a.range_m + b.range_m) / 2.0);
         self.touch(a, b, join * join) && {
-            // The lower cell's reach counts, where two cells see each other differently. Cells this many apart may still hold
-            // points within a join: the middle of a cell is not its nearest point.
+            // The reaches of two cells may differ; the reach of the cell with the lower place counts. Cells this far apart
+            // may still have points within a join: the middle of a cell is not its nearest point.
             let reach = ((join_m(a.range_m) / CELL_M) as u32 + 1).min(REACH_MAX);
             let [ax, ay] = a.column_and_row();
             let [bx, by] = b.column_and_row();
@@ -293,7 +293,7 @@ impl Cell {
         [self.place % SIDE as u32, self.place / SIDE as u32]
     }
 
-    /// Columns and rows of the cells that may hold points this near, m.
+    /// Columns and rows of the cells that may have points within `near_m`, m.
     fn around(&self, near_m: f32) -> [Range<u32>; 2] {
         let [column, row] = self.column_and_row();
         let range = |at: u32, low_m: f32, high_m: f32| {
@@ -372,7 +372,7 @@ mod tests {
         }
     }
 
-    /// The component of each point; [`EMPTY`] for those of none.
+    /// The component of each point; [`EMPTY`] for points without a component.
     fn components(cells: &Cells, points: usize) -> Vec<u32> {
         let mut component = vec![EMPTY; points];
         let mut first = 0;

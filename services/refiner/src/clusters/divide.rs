@@ -1,8 +1,8 @@
-//! From cells to clusters: what belongs together, and how what is too large is divided.
+//! From cells to clusters: unites cells that belong together, and divides components that are too large.
 //!
-//! A component is taken apart in this order: parts that stand upright by themselves at half the reach (people beside each other) become clusters; what is then
-//! larger than a road user is grown again with a shorter reach, up to a number of times; what is longer than any road user even so is cut across its length
-//! into equal pieces. Nothing is dropped but clusters with too few points.
+//! A component is divided in this order. Parts that stand upright by themselves at half the join distance (people side by side) become clusters.
+//! A rest larger than a road user is united again with a shorter join distance, up to a number of times. If it is still longer than any road user,
+//! it is cut across its length into equal pieces. Only clusters with too few points are dropped.
 
 use std::ops::Range;
 
@@ -11,30 +11,30 @@ use crate::fit::ClusterPoints;
 use crate::size::{is_upright, is_whole, is_within, longest_side, whole_diagonal_m};
 use crate::{Settings, priors};
 
-/// What stands upright is at most 4.5 m high, and shorter than high: so much at most along x or y, m.
+/// Maximum extent of an upright part along x or y, m: an upright part is at most 4.5 m high, and shorter than high.
 const UPRIGHT_LENGTH_MAX_M: f32 = 3.5;
 
-/// Factor on the join distance for parts that stand upright by themselves: people beside each other are joined otherwise.
+/// Factor on the join distance for parts that stand upright by themselves: the full distance would join people side by side.
 const UPRIGHT_SCALE: f64 = 0.5;
-/// A rest has at least one point for so many that stand upright.
+/// A rest counts if it has at least one point for this many points that stand upright.
 const REST_ONE_IN: usize = 3;
-/// Factor on the join distance of each further attempt at what is too large,
+/// Factor on the join distance of each further attempt to divide a piece that is too large.
 const SHRINK_FACTOR: f64 = 0.6;
-/// and their number.
+/// Number of these attempts.
 const SHRINK_ATTEMPTS: u32 = 2;
 
-/// Some cells that belong together.
+/// Cells that belong together.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Piece {
     first: u32,
     end: u32,
-    /// How often its reach was shortened.
+    /// How often its join distance was shortened.
     attempts: u32,
-    /// Longest side of the component that it is from, m.
+    /// Longest side of the component that it was divided from, m.
     pub(super) component_length_m: f32,
-    /// Whether it was cut to size.
+    /// Whether it was cut to the maximum length.
     pub(super) is_cut: bool,
-    /// What orders clusters, once all are found: points, then lowest x, y and highest x, y, m.
+    /// Sort keys of the clusters, once all are found: points, then lowest x, y and highest x, y, m.
     points: u32,
     extent_m: [f32; 4],
 }
@@ -44,17 +44,17 @@ impl Piece {
         self.first as usize..self.end as usize
     }
 
-    /// With other cells.
+    /// The same piece with other cells.
     fn with(self, first: u32, end: u32) -> Piece {
         Piece { first, end, ..self }
     }
 }
 
-/// Divides frame after frame; buffers are reused.
+/// Divides the components of each frame; buffers are reused.
 #[derive(Debug, Default)]
 pub(super) struct Divider {
     settings: Settings,
-    /// Cells that were there before any was added: parts without one are nobody's concern, and are not divided further.
+    /// Number of cells before any was added. Parts without any of these cells were not requested, and are not divided further.
     first_added: u32,
     /// Cells of all pieces, by their ranges.
     order: Vec<u32>,
@@ -74,7 +74,7 @@ impl Divider {
         }
     }
 
-    /// The pieces of the last frame, those with most points first.
+    /// The pieces of the last frame, pieces with most points first.
     pub(super) fn pieces(&self) -> &[Piece] {
         &self.done
     }
@@ -83,7 +83,7 @@ impl Divider {
         &self.order[piece.range()]
     }
 
-    /// Divides the components that hold any of the cells; `add` adds a tile that one of them comes near.
+    /// Divides the components that contain any of the cells; `add` adds a tile that a component comes near.
     pub(super) fn divide(&mut self, cells: &mut Cells, add: impl FnMut(&mut Cells, usize)) {
         self.pending.clear();
         self.done.clear();
@@ -115,7 +115,7 @@ impl Divider {
             piece.points = cells.count(own) as u32;
             piece.extent_m = cells.extent_m(own);
         }
-        // What upright parts leave, and the slices of a cut, are counted here first.
+        // The rests of upright parts, and the slices of a cut, are counted here for the first time.
         let points_min = self.settings.points_min;
         self.done.retain(|piece| piece.points >= points_min);
         self.done.sort_unstable_by(|a, b| {
@@ -125,7 +125,7 @@ impl Divider {
         });
     }
 
-    /// One piece: done, dropped, or divided further.
+    /// Processes one piece: it is done, dropped, or divided further.
     fn settle(&mut self, cells: &mut Cells, mut piece: Piece) {
         let own = self.cells_of(&piece);
         let is_far = own.iter().all(|&cell| cell >= self.first_added);
@@ -156,7 +156,7 @@ impl Divider {
         }
     }
 
-    /// Collects a piece unless it is longer along x or y than the diagonal of any road user: its points need no look then. Whether it did.
+    /// Collects a piece unless it is longer along x or y than the diagonal of any road user; returns whether it is collected.
     fn collect_short(&mut self, cells: &Cells, piece: &Piece) -> bool {
         let is_short = f64::from(cells.length_m(self.cells_of(piece))) <= whole_diagonal_m();
         if is_short {
@@ -165,14 +165,14 @@ impl Divider {
         is_short
     }
 
-    /// Divides a piece by a shorter reach; the parts are pending.
+    /// Divides a piece by a shorter join distance; the parts become pending.
     fn split(&mut self, cells: &mut Cells, piece: Piece, scale: f64) {
         cells.unite(self.cells_of(&piece), |range_m| self.join_m(range_m, scale));
         self.order[piece.range()].copy_from_slice(&cells.reached);
         self.push_parts(cells, piece);
     }
 
-    /// What was united last becomes pending pieces, from the first cell of a piece on.
+    /// Adds the components that were united last as pending pieces, from the first cell of `piece` on.
     fn push_parts(&mut self, cells: &Cells, piece: Piece) {
         let mut first = piece.first;
         for end in cells.ends.iter().map(|end| piece.first + end) {
@@ -181,7 +181,7 @@ impl Divider {
         }
     }
 
-    /// Parts that stand upright are done; what is left stays one piece. A small piece is taken apart when no part of it does anything else.
+    /// Parts that stand upright are done; the rest stays one piece. A small piece is only divided if its rest does not count.
     fn take_upright_parts(&mut self, cells: &mut Cells, piece: Piece, is_small: bool) -> Piece {
         let before = self.pending.len();
         self.split(cells, piece, UPRIGHT_SCALE);
@@ -201,14 +201,14 @@ impl Divider {
             self.uprights.push((part, upright));
         }
         self.pending.truncate(before);
-        // The body of a forklift beside its mast is a thing to reckon with, the kerb beside a person is not.
+        // The body of a forklift next to its mast is a rest that counts; the kerb next to a person is not.
         let [rest, upright] = points;
         let takes = !is_small || rest * REST_ONE_IN < upright.max(1);
         self.scratch.clear();
         let mut upright_end = piece.first;
         for &(part, upright) in &self.uprights {
             if upright && takes {
-                // Upright parts move to the front, which only cells already looked at leave.
+                // Upright parts move to the front, over cells that are already processed.
                 self.order.copy_within(part.range(), upright_end as usize);
                 let first = upright_end;
                 upright_end += part.end - part.first;
@@ -223,10 +223,10 @@ impl Divider {
         rest
     }
 
-    /// Whether a part is a thing of its own that stands upright.
+    /// Whether a part is a separate object that stands upright.
     fn stands_upright(&mut self, cells: &Cells, part: &Piece) -> bool {
         let own = self.cells_of(part);
-        // Nobody is as wide as a car: most parts of walls need no closer look.
+        // No person is as wide as a car: most parts of walls need no closer check.
         let is_sparse = cells.count(own) < self.settings.points_min as usize;
         if is_sparse || cells.length_m(own) > UPRIGHT_LENGTH_MAX_M {
             return false;
@@ -235,7 +235,7 @@ impl Divider {
         is_upright(&self.cluster)
     }
 
-    /// Cuts what is longer than any road user across its length, by the middles of its cells.
+    /// Cuts a piece that is longer than any road user across its length, by the middles of its cells.
     fn cut(&mut self, cells: &Cells, piece: Piece) {
         let (yaw_rad, length_m) = longest_side(&self.cluster);
         let count = (length_m / priors::LENGTH_MAX_M).ceil().max(1.0);
@@ -262,7 +262,7 @@ impl Divider {
         }
     }
 
-    /// The points of a piece seen from above, and its lowest and highest z: enough to judge its size.
+    /// Collects the points of a piece seen from above, and its lowest and highest z: enough to check its size.
     fn collect(&mut self, cells: &Cells, piece: &Piece) {
         self.cluster.clear();
         for &cell in &self.order[piece.range()] {

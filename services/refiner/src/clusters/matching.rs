@@ -1,27 +1,27 @@
-//! Which cluster a proposal is about.
+//! Finds the cluster that a proposal is about.
 //!
-//! Proposals are off by up to a metre and of a wrong class's size. The cluster nearest the proposal's centre is taken, first among those close by, unless it is
-//! sparse: a few returns from within a van lie nearer its centre than its body. Cells stand for their points, so that the cost does not depend on their number.
+//! Proposals are off by up to a metre and have a wrong class's size. The cluster nearest to the proposal's centre is taken, close clusters first,
+//! unless it is sparse: a few returns from inside a van are nearer to its centre than its body. The cost depends on the cells, not on their points.
 
 use mluc_geometry::{Box3, Inside};
 
 use super::{ClusterFinder, NO_CLUSTER};
 use crate::proposal::{NEAR_M, reach_m};
 
-/// A cluster with less than one in so many of the points in the proposal's box is not what was detected there. One in 5
-/// and one in 20 are the same on simulated validation scans.
+/// A cluster with less than 1/10 of the points in the proposal's box is not the detected object. 1/5 and 1/20 give the
+/// same results on simulated validation scans.
 const SPARSE_ONE_IN: u32 = 10;
-/// Clusters that are tried.
+/// Number of clusters that are tried.
 const TRIES: usize = 4;
 
 /// A cluster near a proposal.
 #[derive(Clone, Copy, Debug)]
 struct Near {
     cluster: u32,
-    /// From the proposal's centre to the nearest of its cells: seen from above and in space, squared, m^2.
+    /// Squared distance from the proposal's centre to the cluster's nearest cell, m^2: seen from above (`flat`) and in space (`full`).
     flat: f64,
     full: f64,
-    /// Points in the proposal's box.
+    /// Number of its points in the proposal's box.
     inside: u32,
 }
 
@@ -29,12 +29,12 @@ struct Near {
 #[derive(Debug, Default)]
 pub(crate) struct Matcher {
     near: Vec<Near>,
-    /// Place in `near` of each cluster.
+    /// Index in `near` of each cluster.
     place: Vec<u32>,
 }
 
 impl Matcher {
-    /// The cluster that a proposal is about, and its distance from the proposal's centre, seen from above, m; if there is any within reach.
+    /// The cluster that a proposal is about, and its distance from the proposal's centre, seen from above, m; `None` if none is within reach.
     pub(crate) fn find(&mut self, finder: &ClusterFinder, proposal: &Box3) -> Option<(usize, f64)> {
         self.collect(finder, proposal);
         let inside: u32 = self.near.iter().map(|near| near.inside).sum();
@@ -45,7 +45,7 @@ impl Matcher {
         });
         let tried = &self.near[..self.near.len().min(TRIES)];
         let is_dense = |near: &&Near| near.inside * SPARSE_ONE_IN >= inside;
-        // Clusters are numbered from the largest on.
+        // Clusters are numbered by size, the largest first.
         let largest = || tried.iter().min_by_key(|near| near.cluster);
         let found = tried.iter().find(is_dense).or_else(largest)?;
         Some((found.cluster as usize, found.flat.sqrt()))

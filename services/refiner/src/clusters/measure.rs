@@ -1,6 +1,6 @@
-//! Measurements of a cluster, for a classifier of objects against clutter.
+//! Measurements of a cluster, for a classifier that separates objects from clutter.
 //!
-//! Sums are taken over whole millimetres, so that they do not depend on the order of the points.
+//! Sums are taken in whole millimetres, so that they do not depend on the order of the points.
 
 use mluc_kernels::at_best;
 use nalgebra::{Matrix3, Vector3};
@@ -10,23 +10,23 @@ use crate::fit::{ClusterPoints, Rectangle, higher, lower};
 use crate::frame::IndexedPoint;
 use mluc_geometry::ground::{ground_height_m, tiles::whole};
 
-/// What is seen of an object is not taken for lower by more. A guess: the gap is one, where the model has no beams.
+/// Maximum assumed height of an object above its seen top, m. A guess, as the gap itself is if the model has no beams.
 const GAP_MAX_M: f32 = 0.5;
 
-/// Measurements of one cluster, as the sensor saw it: nothing is completed.
+/// Measurements of one cluster, as the sensor saw it, without completed parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measures {
-    /// Points.
+    /// Number of points.
     pub points: u32,
-    /// From the sensor's axis to the mean of its points, m.
+    /// Distance from the sensor's axis to the mean of its points, m.
     pub range_m: f32,
-    /// Between two beams at its range, m, at most half a metre: its top may lie this much higher. Where the model has no beams, as if columns were as far apart as an HDL-64E's.
+    /// Distance between two beams at its range, m, at most 0.5: its top may be this much higher. If the model has no beams, for HDL-64E columns.
     pub beam_gap_m: f32,
-    /// Length, width (of the tight rectangle) and height of what was seen, m.
+    /// Length and width (of the tight rectangle) and height of the seen part, m.
     pub seen_m: [f32; 3],
-    /// Of its lowest point above the ground, m.
+    /// Height of its lowest point above the ground, m.
     pub bottom_m: f32,
-    /// Of its highest point above the ground, m.
+    /// Height of its highest point above the ground, m.
     pub top_m: f32,
     /// (l1 - l2) / l1 of the eigenvalues of the points' covariance, l1 the largest: 1 for a line.
     pub linearity: f32,
@@ -36,31 +36,31 @@ pub struct Measures {
     pub scattering: f32,
     /// Mean distance of the points to the nearest side of the tight rectangle, m: small for a vehicle's body.
     pub residual_m: f32,
-    /// Points over those that a solid face of its width and height would return, 0 to 10.
+    /// Number of points divided by the number that a solid face of its width and height would return, 0 to 10.
     pub density: f32,
     /// Longest side along x or y of the component that it was divided from, m: long for parts of walls and hedges.
     pub component_length_m: f32,
-    /// Cut from something longer than any road user.
+    /// Whether it was cut from something longer than any road user.
     pub is_cut: bool,
 }
 
-/// What is known of the sensor's rays.
+/// The steps between the sensor's rays.
 #[derive(Debug)]
 pub(super) struct Measurer {
-    /// Between columns and between beams, rad.
+    /// Step between columns and between beams, rad.
     steps_rad: [f32; 2],
-    /// Whether the model says them.
+    /// Whether the model gives the steps.
     is_given: bool,
 }
 
 /// HDL-64E at 10 Hz, rad: 0.1728 degrees between columns, 26.8 degrees over 64 beams.
 const STEPS_DEFAULT_RAD: [f32; 2] = [0.003_015_929, 0.007_425];
-/// Where the model knows no beams, returns are counted between these elevations (tangents of -8 and -2 degrees): hardly a ray is lost there. Every so-maniest
-/// point is looked at, and so many are too few.
+/// Without beams in the model, returns are counted between these elevations (tangents of -8 and -2 degrees), where hardly a ray is lost. Every
+/// `SAMPLE`-th point is used; fewer than `SAMPLED_MIN` are too few.
 const BAND: [f32; 2] = [-0.1405, -0.0349];
 const SAMPLE: usize = 16;
 const SAMPLED_MIN: u32 = 30;
-/// Directions are told apart by octant and by the ratio of the shorter side to the longer one, in so many steps.
+/// Directions are distinguished by octant and by the ratio of the shorter side to the longer one, in this many steps.
 const RATIOS: u32 = 4;
 const DENSITY_MAX: f32 = 10.0;
 const PER_M: f32 = 1000.0;
@@ -82,7 +82,7 @@ impl Measurer {
         }
     }
 
-    /// Finds how far apart the beams of a scan are, columns being as those of an HDL-64E: the product of both steps counts.
+    /// Estimates the step between the beams of a scan, with the columns of an HDL-64E: only the product of both steps counts.
     pub(super) fn look(&mut self, points: &[IndexedPoint]) {
         if self.is_given {
             return;
@@ -108,7 +108,7 @@ impl Measurer {
         }
     }
 
-    /// Measures a cluster; what it was divided from is for the caller.
+    /// Measures a cluster; the caller adds what it was divided from.
     pub(super) fn measure(
         &self,
         points: &ClusterPoints,
@@ -167,12 +167,12 @@ fn eigen_features(points: &ClusterPoints) -> [f32; 3] {
     [(l[0] - l[1]) / l[0], (l[1] - l[2]) / l[0], l[2] / l[0]].map(|v| v as f32)
 }
 
-/// Sums of x, y, z and of xx, xy, xz, yy, yz, zz, in whole millimetres; z from the first point's.
+/// Sums of x, y, z and of xx, xy, xz, yy, yz, zz, in whole millimetres; z relative to the first point.
 #[inline(always)]
 fn sums(points: &ClusterPoints) -> ([i64; 3], [i64; 6]) {
     let mut sum = [0i64; 3];
     let mut products = [0i64; 6];
-    // By steps that registers of several numbers can do: adding 1.5 x 2^23 leaves a whole number, up to 4 km, in the low bits. Products have 64.
+    // Operations that the compiler can vectorize: adding 1.5 x 2^23 moves a whole number, up to 4 km, into the low bits. Products have 64 bits.
     let whole = |v: f32| {
         ((v * PER_M).trunc() + 12_582_912.0)
             .to_bits()
@@ -214,7 +214,7 @@ mod tests {
         measurer.measure(points, &points.rectangle(0.0), &[-1.7; GROUND_NODES])
     }
 
-    /// 20 m ahead.
+    /// A cluster 20 m ahead, without points.
     fn started() -> ClusterPoints {
         let mut points = ClusterPoints::default();
         points.start([20.0, 0.0]);
@@ -252,7 +252,7 @@ mod tests {
 
     #[test]
     fn the_spacing_of_beams_is_found_in_the_scan() {
-        // Beams 2 degrees apart all around or ahead, columns as an HDL-64E's.
+        // Beams 2 degrees apart, all around or ahead, with the columns of an HDL-64E.
         let found_deg = |columns: usize| {
             let at = |n: usize| {
                 let azimuth = (n / 15) as f32 * STEPS_DEFAULT_RAD[0] - 0.5;

@@ -1,11 +1,11 @@
 //! Ground and clusters of a scan.
 //!
-//! One pass sorts the scan into tiles of 1 m, a surface under their lowest points tells ground from what stands on it, cells of 25 cm that
-//! lie within the join distance of each other are united, and what is larger than one thing can be is divided by shorter
-//! reaches, at last by cutting. A cluster's box is laid when somebody asks for it.
+//! One pass sorts the scan into tiles of 1 m. A surface under their lowest points separates the ground from the points that stand on it.
+//! Cells of 25 cm within the join distance of each other are united. A component larger than one object can be is divided by shorter
+//! join distances, at last by cutting. A cluster's box is fitted on request.
 //!
-//! [`FrameClusterer`] finds all clusters of a scan. The refiner asks for those near its candidates: they are the same, and
-//! ground and cells that none of them comes near are not looked at.
+//! [`FrameClusterer`] finds all clusters of a scan. The refiner only requests the clusters near its candidates: they are the
+//! same, and tiles that no requested cluster comes near are not processed.
 
 mod cells;
 mod divide;
@@ -30,30 +30,30 @@ use measure::Measurer;
 use mluc_geometry::ground::tiles::low_corner_m;
 use mluc_geometry::ground::{GroundGrid, ground_height_m};
 
-/// No cluster.
+/// The number that means no cluster.
 pub const NO_CLUSTER: u32 = u32::MAX;
 
-/// Something that stands on the ground.
+/// A cluster of points that stand on the ground.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameCluster {
-    /// Around its points, down to the ground, completed away from the sensor; sensor frame, heading up to half a turn.
+    /// Box around its points, down to the ground, completed away from the sensor; sensor frame, heading ambiguous by half a turn.
     pub shape: Box3,
     /// Its points: a range of [`FrameClusters::points`].
     pub points: Range<usize>,
-    /// Seen from above, in the sensor frame.
+    /// Outline seen from above, in the sensor frame.
     pub footprint: Footprint,
-    /// For a classifier.
+    /// Measurements for a classifier.
     pub measures: Measures,
 }
 
 /// All clusters of one frame; buffers are reused.
 #[derive(Debug, Default)]
 pub struct FrameClusters {
-    /// Those with most points first.
+    /// Clusters with most points first.
     pub clusters: Vec<FrameCluster>,
     /// Indices into the scan, ascending within each cluster.
     pub points: Vec<u32>,
-    /// For each point of the scan the number of its cluster, or [`NO_CLUSTER`].
+    /// For each point of the scan, the number of its cluster, or [`NO_CLUSTER`].
     pub cluster_of_point: Vec<u32>,
 }
 
@@ -64,7 +64,7 @@ impl FrameClusters {
     }
 }
 
-/// Finds all clusters of frame after frame; all buffers are made once.
+/// Finds all clusters of each frame; all buffers are allocated once.
 #[derive(Debug)]
 pub struct FrameClusterer {
     frame: FrameIndex,
@@ -72,7 +72,7 @@ pub struct FrameClusterer {
 }
 
 impl FrameClusterer {
-    /// Refuses settings that make no sense.
+    /// Returns an error for invalid settings.
     pub fn new(settings: &Settings, sensor: &Sensor) -> Result<FrameClusterer, RefinerError> {
         settings.check()?;
         Ok(FrameClusterer {
@@ -81,7 +81,7 @@ impl FrameClusterer {
         })
     }
 
-    /// All clusters of one scan with their boxes, the ones with most points first.
+    /// Finds all clusters of one scan with their boxes, clusters with most points first.
     ///
     /// Points that are not finite, beyond 128 m or beyond the contract's limit are left out.
     pub fn find(&mut self, points: &[Point], out: &mut FrameClusters) {
@@ -104,7 +104,7 @@ impl FrameClusterer {
     }
 }
 
-/// Finds clusters in what a frame holds.
+/// Finds clusters in the points of a frame.
 #[derive(Debug)]
 pub(crate) struct ClusterFinder {
     settings: Settings,
@@ -114,7 +114,7 @@ pub(crate) struct ClusterFinder {
     fitter: Fitter,
     measurer: Measurer,
     cluster_of_cell: Vec<u32>,
-    /// Of one tile.
+    /// The points of one tile that stand on the ground.
     standing: Vec<IndexedPoint>,
 }
 
@@ -132,14 +132,14 @@ impl ClusterFinder {
         }
     }
 
-    /// The ground of a frame, and how far apart its beams are.
+    /// Finds the ground of a frame, and the step between its beams.
     pub(crate) fn find_ground(&mut self, frame: &FrameIndex) {
         self.ground.find_under(frame.lowest());
         self.measurer.look(frame.points());
     }
 
-    /// The clusters of all components that have points in one of these tiles: the same as of the whole frame, whose ground is found.
-    /// `is_known` says of each point whether a known object owns it, or is empty: such points are in no cluster.
+    /// Finds the clusters of all components that have points in one of these tiles: the same as in the whole frame. The ground must be found
+    /// before. `is_known`: for each point, whether it belongs to a known object; may be empty. Such points are in no cluster.
     pub(crate) fn cluster(
         &mut self,
         frame: &FrameIndex,
@@ -179,7 +179,7 @@ impl ClusterFinder {
         self.divider.pieces().len()
     }
 
-    /// Box, outline and measurements of a cluster, whose points are appended, ascending.
+    /// Box, outline and measurements of a cluster. Appends the indices of its points to `points`, ascending.
     pub(crate) fn shape(
         &mut self,
         scan: &[Point],
@@ -224,7 +224,7 @@ fn heights<'a>(
     tile: usize,
 ) -> impl Iterator<Item = (&'a IndexedPoint, f32)> + use<'a> {
     let [x, y] = low_corner_m(tile);
-    // No node lies within a tile.
+    // No node of the ground lies inside a tile, so the tile's corners define the ground in it.
     let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
     let [a, b, c, d] = corners.map(|[u, v]| ground_height_m(ground_m, [x + u, y + v]));
     frame.points_in(tile).iter().map(move |point| {
@@ -235,7 +235,7 @@ fn heights<'a>(
     })
 }
 
-/// Mean place of some points, m. Summed in whole millimetres, so that their order does not matter.
+/// Mean x and y of some points, m. Summed in whole millimetres, so that their order does not matter.
 fn mean_m(scan: &[Point], own: &[u32]) -> [f64; 2] {
     let mut sum = [0i64; 2];
     for p in own.iter().filter_map(|&index| scan.get(index as usize)) {

@@ -1,8 +1,8 @@
 //! L-shape fit by closeness (Zhang, Xu, Dong and Dolan, "Efficient L-shape fitting for vehicle detection", 2017).
 //!
 //! Over headings of 0 to 90 degrees from the line of sight: maximise the sum over the points of 1 / max(d, 3 cm), d the
-//! distance to the nearest side of the tight rectangle. First every third degree, then the degrees beside the best, then
-//! thirds of one. The sum is taken in whole numbers, so that it does not depend on the order of the points.
+//! distance to the nearest side of the tight rectangle. First every third degree is tried, then the degrees near the best,
+//! then thirds of a degree. The sum is taken in whole numbers, so that it does not depend on the order of the points.
 
 use std::sync::LazyLock;
 
@@ -10,22 +10,22 @@ use mluc_kernels::at_best;
 
 use super::{ClusterPoints, LANES, Rectangle, higher, lower, spans};
 
-/// Distances below this count the same, m: the sensor's noise.
+/// Distances below this count as equal, m: the sensor's noise.
 const NEAREST_M: f32 = 0.03;
 /// Terms are rounded to 1/1024 of 1/m before they are added.
 const STEPS: f32 = 1024.0;
 /// Adding 2^23 leaves a float's whole part in its low bits.
 const WHOLE: f32 = 8_388_608.0;
-/// Larger clusters are thinned to about this many points for the heading alone,
+/// Larger clusters are thinned to about this many points for the heading alone.
 const HEADING_POINTS_MAX: usize = 512;
-/// and to about this many while every third degree is tried.
+/// They are thinned to about this many points while every third degree is tried.
 const COARSE_POINTS_MAX: usize = 192;
-/// Coordinates are told apart by this much when points are thinned, 1/m: rounding after a turn of the scene is far below.
+/// Resolution of coordinates when points are thinned, 1/m: the rounding error after a turn of the scene is far smaller.
 const PLACES: f32 = 16.0;
-/// Headings within a quarter turn, thirds of a degree apart.
+/// Number of headings within a quarter turn, a third of a degree apart.
 const HEADINGS: usize = 270;
 const DEGREE: i32 = 3;
-/// Headings that are tried first, three degrees apart.
+/// Number of headings that are tried first, three degrees apart.
 const COARSE: usize = 30;
 
 static DIRECTIONS: LazyLock<[[f32; 2]; HEADINGS]> = LazyLock::new(|| {
@@ -39,17 +39,17 @@ fn angle_rad(step: i32) -> f64 {
     (f64::from(step) / f64::from(DEGREE)).to_radians()
 }
 
-/// The closeness fit; holds its buffers.
+/// The closeness fit, with its buffers.
 #[derive(Debug, Default)]
 pub struct Closeness {
-    /// Along the line of sight, m.
+    /// Coordinates along the line of sight, m.
     x_m: Vec<f32>,
-    /// Across it, m.
+    /// Coordinates across the line of sight, m.
     y_m: Vec<f32>,
 }
 
 impl Closeness {
-    /// The rectangle that the points lie closest to.
+    /// The rectangle to whose sides the points are closest.
     pub fn fit(&mut self, points: &ClusterPoints) -> Rectangle {
         self.thin(points, COARSE_POINTS_MAX);
         let coarse = std::array::from_fn::<i32, COARSE, _>(|step| 3 * DEGREE * step as i32);
@@ -66,7 +66,7 @@ impl Closeness {
         points.rectangle(points.ahead_rad + angle_rad(finest))
     }
 
-    /// The first of equals, in the order given.
+    /// The best step; the first of equals, in the given order.
     #[inline(always)]
     fn best<const COUNT: usize>(&self, steps: [i32; COUNT]) -> i32 {
         let (mut most, mut best) = (0, 0);
@@ -79,14 +79,14 @@ impl Closeness {
         best
     }
 
-    /// The points as seen along the line of sight, at most about `points_max`.
+    /// Copies the points in coordinates of the line of sight, at most about `points_max`.
     ///
-    /// A point stays or goes by its place in that view alone. Equal points stay or go together, so their number is
-    /// bounded by the candidate's own limit; a lane's sum holds 120,000 terms.
+    /// Whether a point is kept depends on these coordinates alone. Equal points are kept or dropped together, so their
+    /// number is bounded by the candidate's own limit; a lane's sum has room for 120,000 terms.
     fn thin(&mut self, points: &ClusterPoints, points_max: usize) {
         let [cos, sin] = points.ahead;
         let keep_one_in = points.len().div_ceil(points_max) as u32;
-        // Whether a number of 16 bits is a multiple, without a division (Lemire, Kaser and Kurz, "Faster remainder by direct computation", 2019).
+        // Whether a 16-bit number is a multiple, without a division (Lemire, Kaser and Kurz, "Faster remainder by direct computation", 2019).
         let share = (u32::MAX / keep_one_in.max(1)).wrapping_add(1);
         self.x_m.resize(points.len(), 0.0);
         self.y_m.resize(points.len(), 0.0);
@@ -97,7 +97,7 @@ impl Closeness {
             let mixed =
                 (z.to_bits() ^ place(along).rotate_left(11) ^ place(across).rotate_left(21))
                     .wrapping_mul(0x9E37_79B9);
-            // The next one takes the place of one that goes.
+            // The next point overwrites a dropped one.
             (self.x_m[kept], self.y_m[kept]) = (along, across);
             let stays = (keep_one_in <= 1) | ((mixed >> 16).wrapping_mul(share) < share);
             kept += usize::from(stays);

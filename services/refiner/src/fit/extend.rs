@@ -9,19 +9,19 @@ use crate::priors::{self, EndFace};
 use crate::{Sensor, Settings, Variant};
 use mluc_geometry::ground::ground_height_m;
 
-/// Sizes of published boxes are above 0.
+/// Minimum size, m: sizes of published boxes are above 0.
 const SIZE_MIN_M: f64 = 0.1;
-/// Returns of the topmost two beams or so, rad: beams of one sensor differ from the table by about 0.1 degrees.
+/// Margin that includes the returns of about the topmost two beams, rad: a sensor's beams differ from the table by about 0.1 degrees.
 const TOP_MARGIN_RAD: f64 = 0.009;
 
-/// How a tight rectangle becomes a box.
+/// The settings by which a tight rectangle becomes a box.
 #[derive(Clone, Copy, Debug)]
 pub struct Extend {
     /// Whether the bottom goes down to the ground.
     pub to_ground: bool,
-    /// Whether the parts that are not seen are completed, by what is known of road vehicles.
+    /// Whether unseen parts are completed, from the known proportions of road vehicles.
     pub completes: bool,
-    /// Elevation of the topmost beams, rad, where the sensor has any: returns at least this high are its last.
+    /// Elevation of the topmost beams, rad, if the sensor's beams are known: returns at least this high are from the topmost beams.
     pub top_rad: Option<f64>,
 }
 
@@ -77,7 +77,7 @@ impl Extend {
     }
 }
 
-/// Whether something of a completed length and a height as it is seen, m, reaches above the topmost beams.
+/// Whether an object with this completed length and this seen height, m, reaches above the topmost beams.
 fn is_cut(top_rad: f64, size_m: [f64; 2], points: &ClusterPoints) -> bool {
     let mut sizes = size_m.iter().zip(priors::CUT_TOP_MIN_M);
     if sizes.any(|(size_m, least_m)| *size_m < least_m) {
@@ -86,14 +86,14 @@ fn is_cut(top_rad: f64, size_m: [f64; 2], points: &ClusterPoints) -> bool {
     let [x, y] = points.origin_m.map(|v| v as f32);
     let tangent = top_rad.tan() as f32;
     let columns = points.x_m.iter().zip(&points.y_m).zip(&points.z_m);
-    // Compared without a root; below the sensor nothing is at its top.
+    // Compared without a square root; points below the sensor are not from its topmost beams.
     columns.into_iter().any(|((px, py), &z)| {
         let flat = (px + x) * (px + x) + (py + y) * (py + y);
         z > 0.0 && z * z >= tangent * tangent * flat
     })
 }
 
-/// Grows the side that lies along the line of sight; whether this is such an end.
+/// Grows the side along the line of sight if this is such an end; returns whether it is.
 fn lengthen(end: &EndFace, r: &mut Rectangle, points: &ClusterPoints, z_m: [f64; 2]) -> bool {
     let [u, v] = [0, 1].map(|axis| sensor_along(r, points.origin_m, axis).abs());
     if u.min(v) > u.max(v) * priors::END_ASIDE_MAX_RAD.tan() {
@@ -123,7 +123,7 @@ fn top_width_m(r: &Rectangle, points: &ClusterPoints, z_m: [f64; 2], axis: usize
     f64::from(ends[1] - ends[0])
 }
 
-/// Where the sensor lies along an axis of the rectangle, m.
+/// Position of the sensor along an axis of the rectangle, m.
 fn sensor_along(r: &Rectangle, origin_m: [f64; 2], axis: usize) -> f64 {
     let (sin, cos) = r.yaw_rad.sin_cos();
     let [x, y] = origin_m;
@@ -131,7 +131,7 @@ fn sensor_along(r: &Rectangle, origin_m: [f64; 2], axis: usize) -> f64 {
 }
 
 /// Moves the edge that is farther from the sensor until the extent is reached: a vehicle straight ahead shows one face only,
-/// and its tight box is as thin as paper.
+/// and its tight box has nearly no length.
 fn grow_away(r: &mut Rectangle, axis: usize, extent_m: f64, origin_m: [f64; 2]) {
     let sensor_m = sensor_along(r, origin_m, axis);
     let [low, high] = &mut r.sides_m[axis];
@@ -154,7 +154,7 @@ mod tests {
         top_rad: None,
     };
 
-    /// The box around points of places, m, `x_m` away from the sensor and on ground 1.7 m below it.
+    /// The box around points at these places, m, `x_m` away from the sensor and on ground 1.7 m below it.
     fn box_around(extend: &Extend, x_m: f64, places: impl Iterator<Item = [f32; 3]>) -> Box3 {
         let mut points = ClusterPoints::default();
         places.for_each(|[x, y, z]| points.push(x, y, z));
@@ -164,7 +164,7 @@ mod tests {
         found.expect("there are points")
     }
 
-    /// A face across the line of sight: so wide and high, from 0.3 m above the ground on.
+    /// A face across the line of sight, of this width and height, from 0.3 m above the ground on.
     fn face(width_m: f32, top_m: f32) -> impl Iterator<Item = [f32; 3]> {
         let at = move |i: usize, k: usize| {
             let y = width_m * (i as f32 / 20.0 - 0.5);
@@ -203,7 +203,7 @@ mod tests {
             top_rad: Some(0.03),
             ..EXTEND
         };
-        // 2.4 m at a distance of 20 m is above the last beam; lower ends and what is too short for a truck are seen whole.
+        // 2.4 m at a distance of 20 m is above the last beam; lower ends and things too short for a truck are seen whole.
         for (length_m, top_m, expected_m) in [(8.0, 2.4, 3.2), (8.0, 2.0, 2.0), (1.0, 2.4, 2.4)] {
             let found = box_around(&extend, 20.0, face(length_m, top_m));
             assert!((found.size_m[2] - expected_m).abs() < 1e-5, "{found:?}");

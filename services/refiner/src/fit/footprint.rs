@@ -1,7 +1,7 @@
 //! The outline of a cluster seen from above: convex, at most sixteen corners, around every point.
 //!
-//! The tight rectangle, cut by the supporting lines of twelve more directions. That is the convex hull up to its finest corners, and never smaller, in time
-//! linear in the points. Points on a line or on one spot get an outline a centimetre around them, so that it always is a polygon.
+//! The tight rectangle is cut by the supporting lines of twelve more directions. The result is the convex hull up to its finest corners, never
+//! smaller, in time linear in the points. Points on a line or on one spot get an outline 1 cm around them, so that it is always a polygon.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -10,13 +10,13 @@ use mluc_ipc_types::FOOTPRINT_MAX;
 
 use super::{ClusterPoints, Rectangle};
 
-/// Directions within a quarter turn, the rectangle's own included: four times so many sides.
+/// Number of directions within a quarter turn, the rectangle's own included; the outline has four times as many sides.
 const DIRECTIONS: usize = FOOTPRINT_MAX / 4;
-/// Corners closer than this are one, m.
+/// Corners closer than this count as one, m.
 const SAME_CORNER_M: f64 = 1e-3;
-/// A rectangle thinner than this is an outline around a line, m,
+/// A rectangle thinner than this is a line, m.
 const THIN_M: f64 = 0.02;
-/// and is laid this far around it, m.
+/// Distance of the outline around a line, m.
 const AROUND_M: f64 = 0.01;
 
 /// An outline in the sensor frame, counter-clockwise.
@@ -29,14 +29,14 @@ pub struct Footprint {
 }
 
 impl Footprint {
-    /// Around points and their tight rectangle.
+    /// The outline around points and their tight rectangle.
     pub fn around(points: &ClusterPoints, rectangle: &Rectangle) -> Footprint {
         let [u, v] = rectangle.size_m();
         let around_m = if u.min(v) < THIN_M { AROUND_M } else { 0.0 };
         let mut polygon = Polygon::<CORNERS_MAX>::new(rectangle.grown(around_m).corners_m());
         let mut cut = |normal, limit_m| {
             let kept = polygon.cut(normal, limit_m);
-            // A line that would leave nothing, by rounding, cuts nothing.
+            // A cut that would leave nothing, because of rounding, is skipped.
             if kept.corners().len() >= 3 {
                 polygon = kept;
             }
@@ -68,7 +68,7 @@ impl Footprint {
     }
 }
 
-/// Around an origin, without corners that are nearly the same.
+/// The outline around an origin, without corners that are nearly the same.
 fn outline(corners: &[[f64; 2]], [x_m, y_m]: [f64; 2]) -> Footprint {
     let apart = |a: &[f64; 2], b: &[f64; 2]| {
         (a[0] - b[0]).abs() > SAME_CORNER_M || (a[1] - b[1]).abs() > SAME_CORNER_M

@@ -1,7 +1,7 @@
 //! A box around a cluster: rectangle seen from above, then height and the parts that the sensor cannot see.
 //!
-//! Along the axes is what the paper's "tight box" says least ambiguously. On an L of points, which is what a sensor sees of a
-//! car, the least area is often not the car's heading.
+//! A box along the axes is the least ambiguous reading of the paper's "tight box". On an L of points, which is what a sensor
+//! sees of a car, the rectangle of least area often does not have the car's heading.
 
 mod closeness;
 mod extend;
@@ -17,14 +17,14 @@ use smart_default::SmartDefault;
 
 use crate::{Sensor, Settings, Variant};
 
-/// Lays boxes as a variant has it; holds the buffers.
+/// Fits boxes as a variant requires; owns the buffers.
 #[derive(Debug)]
 pub(crate) struct Fitter {
-    /// Along x and y; else where the points lie closest to the sides (Zhang et al., 2017).
+    /// Whether boxes lie along x and y; if not, they have the heading at which the points are closest to the sides (Zhang et al., 2017).
     is_axis_aligned: bool,
     extend: Extend,
     closeness: Closeness,
-    /// What the box is laid around.
+    /// The points around which the box is fitted.
     pub(crate) points: ClusterPoints,
 }
 
@@ -62,24 +62,24 @@ pub fn minimum_area(points: &ClusterPoints) -> Rectangle {
 /// Points of one cluster, in columns: x and y relative to an origin near them, z in the sensor frame, m. By default none.
 #[derive(Debug, SmartDefault)]
 pub struct ClusterPoints {
-    /// m.
+    /// x, m.
     pub x_m: Vec<f32>,
-    /// m.
+    /// y, m.
     pub y_m: Vec<f32>,
-    /// m.
+    /// z, m.
     pub z_m: Vec<f32>,
-    /// In the sensor frame, m.
+    /// Origin in the sensor frame, m.
     pub(crate) origin_m: [f64; 2],
-    /// Headings are counted from here, rad from x,
+    /// Direction from which headings are counted, rad from x.
     pub(crate) ahead_rad: f64,
-    /// and the same as cosine and sine.
+    /// The same direction as cosine and sine.
     #[default([1.0, 0.0])]
     ahead: [f32; 2],
 }
 
 impl ClusterPoints {
-    /// No points, relative to an origin in the sensor frame, m. Headings are counted from the sensor's line of sight to it,
-    /// so that boxes turn with the scene and nothing else changes.
+    /// Removes all points; new ones are relative to an origin in the sensor frame, m. Headings are counted from the sensor's line
+    /// of sight to it, so that a turn of the scene only turns the boxes.
     pub fn start(&mut self, origin_m: [f64; 2]) {
         self.clear();
         self.origin_m = origin_m;
@@ -88,26 +88,26 @@ impl ClusterPoints {
         self.ahead = [cos as f32, sin as f32];
     }
 
-    /// No points.
+    /// Removes all points.
     pub fn clear(&mut self) {
         self.x_m.clear();
         self.y_m.clear();
         self.z_m.clear();
     }
 
-    /// One more.
+    /// Adds a point.
     pub fn push(&mut self, x_m: f32, y_m: f32, z_m: f32) {
         self.x_m.push(x_m);
         self.y_m.push(y_m);
         self.z_m.push(z_m);
     }
 
-    /// Points.
+    /// Number of points.
     pub fn len(&self) -> usize {
         self.x_m.len()
     }
 
-    /// No point.
+    /// Whether there is no point.
     pub fn is_empty(&self) -> bool {
         self.x_m.is_empty()
     }
@@ -122,12 +122,12 @@ impl ClusterPoints {
         best_span(&self.x_m, &self.y_m, direction)
     }
 
-    /// Lowest and highest coordinate along a direction and along the one a quarter turn further, m.
+    /// Lowest and highest coordinate along a direction and along the direction a quarter turn further, m.
     pub fn spans_m(&self, direction: [f32; 2]) -> [[f32; 2]; 2] {
         at_best!(spans(&self.x_m, &self.y_m, direction))
     }
 
-    /// Lengths along a direction that is counted from the line of sight, and across it, m.
+    /// Lengths along and across a direction that is counted from the line of sight, m.
     pub(crate) fn sides_m(&self, [along, aside]: [f32; 2]) -> [f64; 2] {
         let [cos, sin] = self.ahead;
         let direction = [along * cos - aside * sin, along * sin + aside * cos];
@@ -148,19 +148,19 @@ impl ClusterPoints {
 /// A rectangle around the origin of its points: the first axis at `yaw_rad` from x, the second a quarter turn further.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rectangle {
-    /// rad.
+    /// Direction of the first axis, rad from x.
     pub yaw_rad: f64,
-    /// From and to along each axis, m.
+    /// Lowest and highest coordinate along each axis, m.
     pub sides_m: [[f64; 2]; 2],
 }
 
 impl Rectangle {
-    /// Along each axis, m.
+    /// Size along each axis, m.
     pub fn size_m(&self) -> [f64; 2] {
         self.sides_m.map(|[low, high]| high - low)
     }
 
-    /// With a margin on every side, m.
+    /// The rectangle with a margin on every side, m.
     pub fn grown(&self, margin_m: f64) -> Rectangle {
         Rectangle {
             sides_m: (self.sides_m).map(|[low, high]| [low - margin_m, high + margin_m]),
@@ -186,15 +186,15 @@ impl Rectangle {
     }
 }
 
-/// [`span`] in the widest registers there are.
+/// [`span`] with the widest registers of the processor.
 fn best_span(x: &[f32], y: &[f32], d: [f32; 2]) -> [f32; 2] {
     at_best!(span(x, y, d))
 }
 
-/// Lanes of the loops below: wide enough for the compiler to use vectors.
+/// Number of lanes of the loops below: enough for the compiler to use vectors.
 const LANES: usize = 16;
 
-/// Along a direction and along the one a quarter turn further, as [`span`].
+/// [`span`] along a direction and along the direction a quarter turn further.
 #[inline(always)]
 pub(crate) fn spans(x: &[f32], y: &[f32], [cos, sin]: [f32; 2]) -> [[f32; 2]; 2] {
     [span(x, y, [cos, sin]), span(x, y, [-sin, cos])]
@@ -223,7 +223,7 @@ fn span(x: &[f32], y: &[f32], d: [f32; 2]) -> [f32; 2] {
     [low, high.into_iter().fold(f32::NEG_INFINITY, higher)]
 }
 
-// Comparisons and not `min` and `max`, which take care of NaN and cost more.
+// Comparisons instead of `min` and `max`, which handle NaN and cost more.
 #[inline(always)]
 pub(crate) fn lower(least: f32, t: f32) -> f32 {
     if t < least { t } else { least }

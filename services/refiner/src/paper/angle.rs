@@ -1,9 +1,9 @@
 //! The angle of the joining rule (paper algorithm 1; Bogoslavskyi and Stachniss, 2016).
 //!
-//! Between the line from the farther point to the nearer one and the ray to the farther point: near 90 degrees on a face seen frontally, near 0 across a jump
-//! in depth. The paper writes it as the law of cosines, depth clustering as atan2(d2 sin a, d1 - d2 cos a); both are the same angle.
+//! It lies between the line from the farther point to the nearer one and the ray to the farther point: near 90 degrees on a face seen frontally,
+//! near 0 across a jump in depth. The paper uses the law of cosines, depth clustering atan2(d2 sin a, d1 - d2 cos a); both give the same angle.
 
-/// Whether the angle between two points is above a threshold given as its cosine, without the arc cosine.
+/// Whether the angle between two points is above a threshold, which is given as its cosine; computed without the arc cosine.
 pub(crate) fn is_above(s_m: [f32; 3], t_m: [f32; 3], threshold_cosine: f32) -> bool {
     let square = |p: [f32; 3]| p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
     let (s2, t2) = (square(s_m), square(t_m));

@@ -5,24 +5,24 @@ use mluc_kernels::at_best;
 use super::Neighbourhood;
 use crate::fit::spans;
 
-/// A bucket grid over a square around the origin, from which points can be taken out one by one; buffers are reused.
+/// A bucket grid over a square around the origin, from which points can be removed one by one; buffers are reused.
 #[derive(Debug, Default)]
 pub(crate) struct Buckets {
     side: usize,
     half_m: f32,
     per_m: f32,
-    /// First entry of each cell, and one past the last that is left.
+    /// First entry of each cell, and one past its last remaining entry.
     cells: Vec<[u32; 2]>,
     items: Vec<u32>,
     cell_of: Vec<u32>,
 }
 
 const NO_CELL: u32 = u32::MAX;
-/// Cells along a side at most; cells grow beyond the wished size before there are more.
+/// Maximum number of cells along a side; if more are needed, the cells become larger than requested.
 const SIDE_MAX: usize = 512;
 
 impl Buckets {
-    /// Sorts the points that `keep` lets through into cells of at least `cell_m`; within a cell they stay in order.
+    /// Sorts the points that `keep` accepts into cells of at least `cell_m`; within a cell they stay in order.
     pub(crate) fn fill(
         &mut self,
         around: &Neighbourhood,
@@ -67,7 +67,7 @@ impl Buckets {
         along(y_m) * self.side + along(x_m)
     }
 
-    /// The up to nine cells around and with that of a place.
+    /// The cell of a place and the cells around it, at most nine.
     fn block(&self, [x_m, y_m]: [f32; 2]) -> impl Iterator<Item = usize> + use<> {
         let (side, cell) = (self.side, self.cell_at(x_m, y_m));
         let (column, row) = (cell % side, cell / side);
@@ -75,7 +75,7 @@ impl Buckets {
         near(row).flat_map(move |row| near(column).map(move |column| row * side + column))
     }
 
-    /// Takes out the points around a place for which `take` says so; the others keep their order.
+    /// Removes the points around a place for which `take` returns true; the others keep their order.
     pub(crate) fn take_around(&mut self, place_m: [f32; 2], mut take: impl FnMut(u32) -> bool) {
         for cell in self.block(place_m) {
             let [first, end] = self.cells[cell];

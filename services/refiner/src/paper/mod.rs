@@ -1,4 +1,4 @@
-//! The paper's variants: a cluster grown for each candidate by itself (paper algorithm 1, its body).
+//! The paper's variants: a cluster is grown for each candidate separately (the body of the paper's algorithm 1).
 
 mod angle;
 mod buckets;
@@ -18,23 +18,23 @@ use grow::{Depth, Grower, Growth, Printed};
 use mluc_geometry::ground::GroundGrid;
 use seed::Seek;
 
-/// Work in points looked at, measured by time, of a candidate before any point,
+/// Work of a candidate before any point is read; the unit is one read of a point, by measured time.
 const WORK_PER_CANDIDATE: u64 = 4000;
-/// of a point in a growth,
+/// Work of a point in a growth, in the same unit.
 const WORK_PER_GROWTH: u64 = 6;
-/// and of a point in the box and its outline.
+/// Work of a point in the box and its outline, in the same unit.
 const WORK_PER_SHAPE: u64 = 12;
 
-/// Grows the cluster of one candidate after the other; holds what they share.
+/// Grows the cluster of one candidate after the other; owns the buffers that they share.
 #[derive(Debug)]
 pub(crate) struct PaperClusterer {
     is_printed: bool,
     grower: Box<dyn Grower>,
     fitter: Fitter,
-    /// As printed, it lies flat.
+    /// The ground; level in the variant `paper`.
     ground: GroundGrid,
     radius_m: f64,
-    /// As printed, there is no ground.
+    /// Minimum height of points above the ground, m; minus infinity in the variant `paper`, which has no ground.
     height_min_m: f64,
     points_min: usize,
     around: Neighbourhood,
@@ -60,7 +60,7 @@ impl PaperClusterer {
             grower,
             fitter: Fitter::new(settings, sensor),
             ground: GroundGrid::new(sensor.height_m),
-            // The paper's cylinder around the seed: 4 m in its industrial park, seen all around, 5 m on KITTI, seen ahead.
+            // The paper's cylinder around the seed: 4 m in its industrial park, with a view all around; 5 m on KITTI, with a view ahead.
             radius_m: if sensor.sees_all_around { 4.0 } else { 5.0 },
             height_min_m,
             points_min,
@@ -70,7 +70,7 @@ impl PaperClusterer {
         }
     }
 
-    /// A random point inside the box (the paper), or the one nearest its centre that stands on the ground.
+    /// A random point inside the box (the variant `paper`), or the point nearest to its centre that stands on the ground.
     fn seed(&mut self, task: &mut FrameTask, proposal: &Proposal) -> Option<IndexedPoint> {
         let work = &mut task.counters.work;
         let seek = Seek {
@@ -89,14 +89,14 @@ impl PaperClusterer {
 }
 
 impl Clusterer for PaperClusterer {
-    /// As printed, there is no ground.
+    /// Finds the ground, except in the variant `paper`, which has none.
     fn find_ground(&mut self, frame: &FrameIndex) {
         if !self.is_printed {
             self.ground.find_under(frame.lowest());
         }
     }
 
-    /// Gathers the points around a seed, those of the ground as borders between objects, and grows the cluster among them.
+    /// Gathers the points around a seed, with ground points as borders between objects, and grows the cluster among them.
     fn match_cluster(&mut self, task: &mut FrameTask, proposal: &mut Proposal) -> bool {
         self.members.clear();
         task.counters.work += WORK_PER_CANDIDATE;

@@ -6,27 +6,27 @@ use mluc_geometry::ground::ground_height_m;
 /// Points within a cylinder around a seed. Columns of equal length.
 #[derive(Debug, Default)]
 pub struct Neighbourhood {
-    /// x and y of the seed: what `x_m` and `y_m` are relative to, m.
+    /// x and y of the seed, m: the origin of `x_m` and `y_m`.
     pub origin_m: [f64; 2],
-    /// Relative to the origin, m.
+    /// x relative to the origin, m.
     pub x_m: Vec<f32>,
-    /// Relative to the origin, m.
+    /// y relative to the origin, m.
     pub y_m: Vec<f32>,
-    /// In the sensor frame, m.
+    /// z in the sensor frame, m.
     pub z_m: Vec<f32>,
-    /// Above the local ground, m; where the ground is not looked for, above a plane at the sensor's height.
+    /// Height above the local ground, m; if the ground is not estimated, above a level plane at the sensor's height below it.
     pub height_m: Vec<f32>,
     /// Index into the scan.
     pub index: Vec<u32>,
-    /// Points looked at to fill this: the work that it cost.
+    /// Number of points read to fill the columns, which is the work.
     pub looked_at: u64,
     /// Whether points were left out because of the limit.
     pub thinned: bool,
-    /// For [`Neighbourhood::gather`].
+    /// Buffer of [`Neighbourhood::gather`].
     picked: Vec<IndexedPoint>,
 }
 
-/// Points that one candidate may look at; beyond it they are thinned evenly, counted and flagged: a car at 4 m has some 10,000.
+/// Maximum number of points for one candidate; more are thinned evenly, counted and flagged. A car at 4 m has about 10,000.
 const POINTS_MAX: usize = 16_384;
 
 impl Neighbourhood {
@@ -41,7 +41,7 @@ impl Neighbourhood {
         [self.origin_m[0] + x, self.origin_m[1] + y, z]
     }
 
-    /// Fills the columns with the points around a seed, at most so far away seen from above (m; r of the paper), and says where the seed is among them.
+    /// Fills the columns with the points within `radius_m` of a seed, seen from above (m; r of the paper); returns the seed's index among them.
     pub(crate) fn gather(
         &mut self,
         frame: &FrameIndex,
@@ -60,7 +60,7 @@ impl Neighbourhood {
             let (dx, dy) = (at_m[0] - seed_x, at_m[1] - seed_y);
             dx * dx + dy * dy <= radius_squared
         };
-        // Only points that are asked for count against the limit: near the sensor most are ground.
+        // Only points within the radius count against the limit: near the sensor most points are ground.
         let mut keep_one_in = 1;
         if available > POINTS_MAX {
             self.looked_at += available as u64;
@@ -72,10 +72,10 @@ impl Neighbourhood {
         let picked = &mut self.picked;
         picked.resize(picked.len().max(available), IndexedPoint::default());
         for point in rows().flatten() {
-            // Thousands of equal points stay together or go together.
+            // Thousands of equal points are kept or dropped together.
             let stays =
                 keep_one_in <= 1 || (count < 2 * POINTS_MAX && is_kept(point.at_m, keep_one_in));
-            // The next one takes the place of one that is not picked.
+            // The next point overwrites one that is not picked.
             picked[count] = *point;
             count += usize::from((point.index == seed.index) | (is_asked(point.at_m) & stays));
         }
@@ -96,7 +96,7 @@ fn fill<T>(column: &mut Vec<T>, points: &[IndexedPoint], value: impl Fn(&Indexed
     column.extend(points.iter().map(value));
 }
 
-/// Thins by the coordinates alone, so that the order of the scan does not matter.
+/// Decides by the coordinates alone whether a point is kept, so that the order of the scan does not matter.
 fn is_kept(at_m: [f32; 3], keep_one_in: u64) -> bool {
     let [x, y, z] = at_m.map(|v| u64::from(v.to_bits()));
     let mixed = (x << 32 ^ z << 16 ^ y).wrapping_mul(0x9E37_79B9_7F4A_7C15);

@@ -1,4 +1,4 @@
-//! Where a cluster starts.
+//! Finds the point at which a cluster starts.
 
 use mluc_geometry::{Box3, Inside, Random};
 
@@ -6,7 +6,7 @@ use crate::frame::{FrameIndex, IndexedPoint};
 use crate::proposal::{ENLARGED, NEAR_M, reach_m};
 use mluc_geometry::ground::ground_height_m;
 
-/// What seeds are looked for in.
+/// The input of the search for a seed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seek<'a> {
     pub(crate) frame: &'a FrameIndex,
@@ -16,10 +16,10 @@ pub(crate) struct Seek<'a> {
 }
 
 impl Seek<'_> {
-    /// The point nearest the box's centre among those that stand on the ground; points looked at are added to `work`.
-    /// Ties go by the coordinates, so that the order of the scan does not matter.
+    /// The point nearest to the box's centre among the points that stand on the ground; each read of a point adds to `work`.
+    /// The coordinates decide ties, so that the order of the scan does not matter.
     pub(crate) fn nearest_to_center(&self, work: &mut u64) -> Option<IndexedPoint> {
-        // Nearly every seed lies close by; the wide search is for the others.
+        // Nearly every seed is close; the wide search is for the others.
         let near = self.nearest_within(NEAR_M, work);
         near.or_else(|| self.nearest_within(reach_m(self.candidate), work))
     }
@@ -71,7 +71,7 @@ impl Seek<'_> {
                 found.extend(row.iter().filter(is_inside));
             }
             if !found.is_empty() {
-                // By their place in the scan, whatever the cells.
+                // Sorted by the index in the scan, so that the tiles do not matter.
                 found.sort_unstable_by_key(|point| point.index);
                 let mix = |state| Random::from_state(state).bits();
                 let draw = mix(key.0 ^ mix(key.1)) % found.len() as u64;
@@ -88,7 +88,7 @@ mod tests {
     use crate::testing::{point, sorted};
     use mluc_geometry::ground::GROUND_NODES;
 
-    /// What `found` finds for a candidate of 1.5 m by 1 m at x, among points 0.7 m above the ground.
+    /// The result of `found` for a candidate at `x_m`, 1.9 m long and 1 m wide, among points 0.7 m above the ground.
     fn seek<T>(points_x_m: &[f32], x_m: f64, found: impl FnOnce(Seek) -> T) -> T {
         let scan: Vec<_> = points_x_m.iter().map(|&x| point([x, 0.0, -1.0])).collect();
         found(Seek {

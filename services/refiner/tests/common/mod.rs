@@ -35,7 +35,7 @@ pub(crate) fn standing(x: f64, y: f64, [l, w, h]: [f64; 3], yaw_rad: f64) -> Box
     Box3::new([x, y, h / 2.0 - SENSOR_HEIGHT_M, l, w, h, yaw_rad])
 }
 
-/// What 64 beams see of boxes on flat ground.
+/// The points that 64 beams see of boxes on flat ground.
 pub(crate) fn scan(boxes: &[Box3]) -> Vec<Point> {
     let mut points = Vec::new();
     for elevation in elevations_rad() {
@@ -74,7 +74,7 @@ fn hit(b: &Box3, ray: [f64; 3]) -> Option<f64> {
     (enter > 0.0 && enter <= leave).then_some(enter)
 }
 
-/// A candidate whose box lies `shift` off an object and has a wrong size.
+/// A candidate whose box is `shift` away from an object and has a wrong size.
 pub(crate) fn candidate(object: &Box3, shift: [f64; 2], eds: f32) -> Detection {
     let [x, y, z] = object.center_m;
     Detection {
@@ -85,7 +85,7 @@ pub(crate) fn candidate(object: &Box3, shift: [f64; 2], eds: f32) -> Detection {
         objectness: 0.6,
         score: 0.3,
         eds,
-        // In the same order as `eds`.
+        // The order equals the order of `eds`.
         eds_normalised: 1.0 + eds / 1000.0,
         ..Detection::default()
     }
@@ -129,7 +129,7 @@ pub(crate) fn box_of(object: &Object) -> Box3 {
     Box3::from_f32(object.center_m, object.size_m, object.yaw_rad)
 }
 
-/// What every answer keeps, whatever the input: the contract's own checks, one object a detection and second readings behind, every index inside.
+/// Properties of every answer, whatever the input: the contract's own checks, one object per detection, second readings at the end, valid indices.
 pub(crate) fn assert_sound(points: &[Point], detections: &[Detection], out: &RefinerOutput) {
     let header = FrameHeader::new(0, "test");
     Object::checked(&header, &out.objects, 4).expect("sound objects");

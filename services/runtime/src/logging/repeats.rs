@@ -1,12 +1,12 @@
-//! The same message again and again, whatever its numbers: the first ones are written, the others counted.
+//! Repeated messages, which may differ in their digits: the first ones are written, the others are counted.
 
 use tracing::Level;
 
-/// From the first one on.
+/// Time window from the first occurrence of a message, ns.
 const WINDOW_NS: u64 = 10_000_000_000;
-/// Of a message in that time.
+/// How often a message is written in that time.
 const WRITTEN_MAX: u64 = 5;
-/// Messages that are followed; further ones are written.
+/// How many different messages are tracked; further messages are always written.
 const MESSAGES_MAX: usize = 64;
 
 pub(super) struct Repeated {
@@ -16,11 +16,11 @@ pub(super) struct Repeated {
     count: u64,
 }
 
-/// The messages of the last time.
+/// The messages of the current time windows.
 pub(super) struct Repeats(pub(super) Vec<Repeated>);
 
 impl Repeats {
-    /// Forgets messages whose time is over; gives those that were left out, and how often.
+    /// Forgets messages whose time window is over. Returns the messages that were not always written, and how often they were left out.
     pub(super) fn ended(&mut self, now_ns: u64) -> Vec<(Level, String, u64)> {
         let is_over =
             |repeated: &mut Repeated| now_ns.saturating_sub(repeated.since_ns) >= WINDOW_NS;
@@ -29,7 +29,7 @@ impl Repeats {
         counted.filter(|(_, _, count)| *count > 0).collect()
     }
 
-    /// Whether it is written.
+    /// Counts a message. Returns whether it is written.
     pub(super) fn admit(&mut self, level: Level, message: &str, now_ns: u64) -> bool {
         let alike = |repeated: &&mut Repeated| words(&repeated.message).eq(words(message));
         let found = self.0.iter_mut().find(alike);
@@ -49,7 +49,7 @@ impl Repeats {
     }
 }
 
-/// A message without its numbers.
+/// A message without its digits.
 fn words(message: &str) -> impl Iterator<Item = char> {
     message.chars().filter(|c| !c.is_ascii_digit())
 }

@@ -1,4 +1,4 @@
-//! Stderr that holds nobody up: what its reader does not take in time is lost, and counted.
+//! Stderr with a bounded wait: output that its reader does not take in time is lost and counted.
 
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -9,13 +9,13 @@ use tracing::Level;
 
 use super::log_line;
 
-/// A pipe that says it takes something takes so much at once (PIPE_BUF).
+/// Bytes that a writable pipe takes at once (PIPE_BUF).
 const AT_ONCE: usize = 4096;
 
-/// Pieces that were lost since the last one that was written.
+/// Number of messages that were lost since the last one that was written.
 static LOST: AtomicU64 = AtomicU64::new(0);
 
-/// Waits at most so long for its reader, each time.
+/// Stderr of which each write waits at most this long for the reader.
 #[derive(Clone, Copy, Debug)]
 pub struct PatientStderr(pub Duration);
 
@@ -29,7 +29,7 @@ impl PatientStderr {
 }
 
 impl Write for PatientStderr {
-    /// All, even if it is lost.
+    /// Returns success even if the bytes are lost.
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if !self.is_ready() {
             LOST.fetch_add(1, Ordering::Relaxed);

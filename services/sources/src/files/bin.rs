@@ -1,10 +1,10 @@
-//! f32 after f32 without a header: KITTI's four a point, nuScenes' five, or others.
+//! f32 values without a header: four per point as in KITTI, five as in nuScenes, or another number.
 
 use super::Layout;
 use super::table::{Field, Kind, Table};
 use crate::{SourceError, refused};
 
-/// Refuses files that have three, five or six numbers a point rather than four. `sizes`: of some files, bytes; `start`: of the first one.
+/// Refuses files that have three, five or six numbers per point instead of four. `sizes`: sizes of some files, bytes; `start`: start of the first file.
 pub(crate) fn check_columns(sizes: &[u64], start: &[u8]) -> Result<(), SourceError> {
     let all = |columns: u64| sizes.iter().all(|size| size.is_multiple_of(4 * columns));
     let is_other = |columns| match columns {
@@ -17,7 +17,7 @@ pub(crate) fn check_columns(sizes: &[u64], start: &[u8]) -> Result<(), SourceErr
         Some(columns) => {
             let help = "say which with --columns x,y,z,intensity,..";
             let bytes = 4 * columns;
-            // What fits six numbers fits three.
+            // A size that fits six numbers fits three as well.
             let or_three = ["", " or 3"][usize::from(columns == 6)];
             let found = format!("a multiple of {bytes} bytes: {columns}{or_three} columns? {help}");
             refused("size", "16 bytes a point (x, y, z, intensity)", found)
@@ -26,7 +26,7 @@ pub(crate) fn check_columns(sizes: &[u64], start: &[u8]) -> Result<(), SourceErr
     }
 }
 
-/// Whether the last of four numbers is negative in more than a hundredth: then it is a coordinate.
+/// Whether the last of four numbers is negative in more than one hundredth of the points. It is then a coordinate.
 fn has_negative_intensities(start: &[u8]) -> bool {
     let numbers = numbers(start);
     let points = numbers.as_chunks::<4>().0;
@@ -39,7 +39,7 @@ fn numbers(bytes: &[u8]) -> Vec<f32> {
     numbers.map(|v| f32::from_le_bytes(*v)).collect()
 }
 
-/// Whether 100 points or more of five numbers end with a ring each. Where four columns have whole numbers there, as of missing returns, the first number is one too.
+/// Whether 100 or more points of five numbers each end with a ring. If four columns have whole numbers there (missing returns), the first is whole too.
 fn has_rings(start: &[u8]) -> bool {
     let numbers = numbers(start);
     let points = numbers.as_chunks::<5>().0;
@@ -50,7 +50,7 @@ fn has_rings(start: &[u8]) -> bool {
         && !points.iter().all(|point| is_ring(point[0]))
 }
 
-/// `columns`: how many a file has if the layout names none.
+/// `columns`: number of columns in a file if the layout names none.
 pub(super) fn table(file: Vec<u8>, layout: &Layout, columns: usize) -> Result<Table, SourceError> {
     let names = layout.names(columns).into_iter();
     let fields: Vec<Field> = names.map(|name| (name, Kind::F32, 1)).collect();

@@ -1,5 +1,5 @@
-//! Messages of one scan each: `sensor_msgs/PointCloud2` as ROS 2 (CDR) and ROS 1 write it, and `foxglove.PointCloud` in protobuf, whose pose in another
-//! frame is left out. A field of several numbers counts with its first.
+//! Messages with one scan each: `sensor_msgs/PointCloud2` as ROS 2 (CDR) and ROS 1 write it, and `foxglove.PointCloud` in protobuf. The pose of a
+//! `foxglove.PointCloud` in another frame is ignored. Only the first number of a field with several numbers is used.
 
 use prost::Message;
 
@@ -7,7 +7,7 @@ use super::Layout;
 use super::table::{Column, Kind, Table};
 use crate::{Scan, SourceError};
 
-/// How a message holds its points.
+/// Encoding of a message with points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Cloud {
     Ros2,
@@ -15,11 +15,11 @@ pub(crate) enum Cloud {
     Foxglove,
 }
 
-/// What is understood, for errors.
+/// The supported messages, for errors.
 pub(crate) const CLOUDS: &str =
     "sensor_msgs/PointCloud2 (cdr, ros1) or foxglove.PointCloud (protobuf)";
 
-/// PointCloud2; what it does not need is left out.
+/// The parts of a PointCloud2 that are needed.
 #[derive(Default)]
 struct PointCloud2<'a> {
     stamp_ns: u64,
@@ -35,7 +35,7 @@ struct PointCloud2<'a> {
 }
 
 impl Cloud {
-    /// By a recording's names of a schema and of the encoding of its messages.
+    /// Finds the kind by a recording's schema name and message encoding.
     pub(crate) fn of(schema: &str, encoding: &str) -> Option<Cloud> {
         match (schema, encoding) {
             ("sensor_msgs/msg/PointCloud2", "cdr") => Some(Cloud::Ros2),
@@ -45,8 +45,8 @@ impl Cloud {
         }
     }
 
-    /// Appends a message's points to the scan's, as [`Layout::write`] does. Gives the sensor's time (ns since 1970; 0: not told), whether the message
-    /// ends before what it promises, and the frame of the points.
+    /// Appends a message's points to the scan, as [`Layout::write`] does. Returns the sensor's time (ns since 1970; 0: unknown), whether the message
+    /// has fewer points than it announces, and the coordinate frame of the points.
     pub(crate) fn convert(
         self,
         layout: &Layout,
@@ -76,7 +76,7 @@ impl PointCloud2<'_> {
             rows: self.width.saturating_mul(self.height),
             ..Table::default()
         };
-        // What follows the points of a row is left out. Some drivers leave row_step at 0.
+        // Bytes after the points of a row are skipped. Some drivers leave row_step at 0.
         let step = self.row_step.max(row).max(1);
         for all in self.data.chunks(step).take(self.height) {
             table.data.extend_from_slice(&all[..row.min(all.len())]);
@@ -106,18 +106,18 @@ impl PointCloud2<'_> {
     }
 }
 
-/// What is left of a ROS message; `None`: it ends too early.
+/// Reads a ROS message. Its methods return `None` if the message ends too early.
 pub(crate) struct Reader<'a> {
     all: &'a [u8],
     at: usize,
-    /// Numbers lie at multiples of it.
+    /// Alignment of a 4-byte number, bytes; an 8-byte number has twice this alignment.
     align: usize,
     is_big_endian: bool,
 }
 
 impl<'a> Reader<'a> {
     pub(crate) fn of(kind: Cloud, message: &'a [u8]) -> Option<Reader<'a>> {
-        // CDR begins with four bytes of which the second tells the order of bytes; ROS 1 with a sequence number.
+        // CDR begins with four bytes; the second one gives the byte order. ROS 1 begins with a sequence number.
         let (head, all) = message.split_at_checked(4)?;
         let is_cdr = kind == Cloud::Ros2;
         let is_big_endian = is_cdr && head[1] & 1 == 0;
@@ -177,7 +177,7 @@ impl<'a> Reader<'a> {
         for _ in 0..self.number()? {
             let field = (self.text()?, self.number()?, self.bytes(1)?[0].into());
             cloud.fields.push(field);
-            // Numbers in the field.
+            // The count of numbers in the field is not used.
             self.number()?;
         }
         cloud.is_big_endian = self.bytes(1)?[0] != 0;
@@ -228,7 +228,7 @@ impl Foxglove {
         let ns = i128::from(stamp.seconds) * 1_000_000_000 + i128::from(stamp.nanos);
         let mut fields = vec![];
         for field in &self.fields {
-            // Its integers are numbered with the unsigned one first.
+            // For each integer size, Foxglove numbers the unsigned type before the signed type.
             let datatype = match field.kind {
                 kind @ 1..=6 => kind - 1 + 2 * (kind % 2),
                 kind => kind,

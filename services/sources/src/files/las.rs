@@ -1,14 +1,14 @@
-//! LAS (ASPRS' specification, versions 1.0 to 1.4): a header, records, points of one kind. Coordinates are whole numbers with a scale and an offset, of a map
-//! as a rule. Intensity has 16 bits. LAZ, its compression, is not read.
+//! LAS (ASPRS' specification, versions 1.0 to 1.4): a header, records, and points of one format. Coordinates are integers with a scale and an offset,
+//! usually map coordinates. Intensity has 16 bits. LAZ, the compressed form, is not read.
 
 use super::table::{Field, Kind, Table};
 use super::{Layout, layout::ROWS_MAX};
 use crate::{SourceError, refused};
 
 const HEADER_BYTES: usize = 227;
-/// The least of any kind of point: x, y, z (i32), intensity (u16), and what is not read.
+/// Minimum size of a point in any format: x, y, z (i32), intensity (u16), and fields that are not read.
 const POINT_BYTES: usize = 20;
-/// Points that are all farther away than any sensor sees are not in its coordinates, m.
+/// Distance beyond the range of any sensor, m. If all points are farther away, they are not in the sensor's coordinates.
 const FAR_M: f64 = 1000.0;
 
 pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> {
@@ -53,7 +53,7 @@ pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> 
     Ok(Table::of_rows(data, &fields, count))
 }
 
-/// An unsigned number of so many bytes; 0 beyond the end.
+/// An unsigned number of `count` bytes; 0 beyond the end.
 fn number(bytes: &[u8], at: usize, count: usize) -> usize {
     let found = bytes.get(at..).and_then(|rest| rest.get(..count));
     let found = found.unwrap_or_default().iter().rev();

@@ -8,10 +8,10 @@ use smart_default::SmartDefault;
 use super::table::{Kind, Table};
 use crate::{Scan, SourceError, refused};
 
-/// Rows that are read: more than any scan holds, and bounded where a file promises more.
+/// Maximum number of rows that are read: more than any scan has, and a limit for files that announce more.
 pub(super) const ROWS_MAX: usize = 4 << 20;
 
-/// Names that intensity goes by, the usual one first.
+/// Column names that mean intensity, the usual one first.
 const INTENSITIES: [&str; 7] = [
     "intensity",
     "intensities",
@@ -22,9 +22,9 @@ const INTENSITIES: [&str; 7] = [
     "i",
 ];
 
-/// Names that a point's time goes by.
+/// Column names that mean a point's time.
 const TIMES: [&str; 5] = ["t", "time", "timestamp", "time_stamp", "offset_time"];
-/// More is nanoseconds where a time may be seconds.
+/// Limit for floating-point times: larger values are nanoseconds, smaller ones are seconds.
 const SECONDS_MAX: f64 = 1e12;
 
 /// `[layout]`: how to read files of points; the default is KITTI's way where the file itself says nothing.
@@ -61,7 +61,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Whether every value is in its range. Errors: key, expected and found.
+    /// Checks that every value is in its range. Errors: key, expected and found.
     pub fn check(&self) -> Result<(), SourceError> {
         self.signed_axes()?;
         for (key, value) in [
@@ -91,7 +91,7 @@ impl Layout {
         }
     }
 
-    /// The names of so many columns without names.
+    /// Names for `count` columns of a file that does not name them.
     pub(super) fn names(&self, count: usize) -> Vec<String> {
         if !self.columns.is_empty() {
             return self.columns.clone();
@@ -101,7 +101,7 @@ impl Layout {
         usual.into_iter().chain(others).take(count).collect()
     }
 
-    /// For forward, left, up: which coordinate, and its sign.
+    /// For forward, left, up: the index of the file's coordinate, and its sign.
     fn signed_axes(&self) -> Result<[(usize, f64); 3], SourceError> {
         let axis = |word: &str| {
             let bare = word.strip_prefix('-');
@@ -121,7 +121,7 @@ impl Layout {
         has_all.then_some(axes).ok_or_else(fault)
     }
 
-    /// What makes x, y, z and intensity of the input those of the sensor, in m and 0 to 1. The layout was [checked](Self::check); else axes stay as they are.
+    /// Converts the input's x, y, z to sensor coordinates, m, and its intensity to 0 to 1. Axes that fail the [check](Self::check) stay x, y, z.
     pub(crate) fn placing(&self) -> impl Fn([f64; 4]) -> [f32; 4] {
         let axes = self.signed_axes().unwrap_or([(0, 1.0), (1, 1.0), (2, 1.0)]);
         move |[x, y, z, intensity]| {
@@ -131,8 +131,8 @@ impl Layout {
         }
     }
 
-    /// Appends the table's points to the scan as x, y, z (m), intensity, four little-endian f32 each, and their times if they are asked for; true if it holds
-    /// fewer rows than it promises.
+    /// Appends the table's points to the scan as x, y, z (m), intensity, four little-endian f32 per point, and their times if they are requested. Returns
+    /// true if the table has fewer rows than it announces.
     pub(super) fn write(&self, table: &Table, scan: &mut Scan) -> Result<bool, SourceError> {
         let placed = self.placing();
         let names = table.columns.iter().map(|column| &*column.name);
@@ -153,7 +153,7 @@ impl Layout {
                 return Ok(true);
             };
             if let Some(column) = time {
-                // Whole numbers are nanoseconds.
+                // Integer times are nanoseconds.
                 let is_float = matches!(column.kind, Kind::Float { .. });
                 let is_seconds = is_float && moment.abs() < SECONDS_MAX;
                 let unit_ns = if is_seconds { 1e9 } else { 1.0 };

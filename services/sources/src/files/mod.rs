@@ -1,4 +1,4 @@
-//! Files of one scan each: KITTI's and nuScenes' `.bin`, NumPy's `.npy`, PCD, PLY, LAS. Each becomes KITTI's layout.
+//! Files with one scan each: KITTI's and nuScenes' `.bin`, NumPy's `.npy`, PCD, PLY, LAS. All are converted to KITTI's layout.
 
 mod bin;
 mod cloud;
@@ -21,25 +21,25 @@ pub use layout::Layout;
 
 use crate::{Scan, SourceError};
 
-/// How a file holds its points.
+/// Format of a file with points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Format {
-    /// f32 without a header, four a point as KITTI's, or as many as [`Layout::columns`] names.
+    /// f32 values without a header: four per point as in KITTI, or as many as [`Layout::columns`] names.
     Bin,
-    /// nuScenes' `.pcd.bin`: five f32 a point, intensities to 255, as a rule with x to the right and y ahead.
+    /// nuScenes' `.pcd.bin`: five f32 per point, intensities up to 255, usually with x to the right and y forward.
     NuScenes,
-    /// NumPy's array of N rows and three or more columns, or of named fields.
+    /// NumPy array with N rows and three or more columns, or with named fields.
     Npy,
-    /// Of the Point Cloud Library: ascii, binary, binary_compressed.
+    /// Format of the Point Cloud Library: ascii, binary, binary_compressed.
     Pcd,
-    /// The polygon format's vertices: ascii, binary.
+    /// Vertices of the polygon file format: ascii, binary.
     Ply,
-    /// ASPRS' format of surveys, 1.0 to 1.4, not compressed.
+    /// ASPRS' format for surveys, versions 1.0 to 1.4, not compressed.
     Las,
 }
 
 impl Format {
-    /// The endings that are known, the longest first.
+    /// The known file endings, the longest first.
     pub const ENDINGS: [(&str, Format); 6] = [
         (".pcd.bin", Format::NuScenes),
         (".bin", Format::Bin),
@@ -49,7 +49,7 @@ impl Format {
         (".las", Format::Las),
     ];
 
-    /// By a file's name; `None`: none that is known.
+    /// Finds the format by a file's name; `None`: the ending is unknown.
     pub fn of(path: &Path) -> Option<Format> {
         let name = path.file_name()?.to_str()?.to_ascii_lowercase();
         let mut endings = Format::ENDINGS.iter();
@@ -57,8 +57,8 @@ impl Format {
         found.map(|(_, format)| *format)
     }
 
-    /// Turns a file's bytes into the scan's: x, y, z (m) and intensity, four little-endian f32 a point, KITTI's layout; and into times, if `layout` asks for them. The axes
-    /// are the file's unless `layout` turns them. True: the file ends before what it promises. Errors: what in the file, or in `layout`, is not as expected.
+    /// Converts a file to KITTI's layout: x, y, z (m), intensity, four little-endian f32 per point; also to times if `layout` requests them. Axes are the
+    /// file's unless `layout` changes them. True: the file has fewer points than it announces. Errors: unexpected content in the file or in `layout`.
     pub fn convert(
         self,
         layout: &Layout,

@@ -1,11 +1,11 @@
-//! NumPy's array format, versions 1 to 3 (numpy.lib.format): a magic, a header that is a Python dictionary, then the numbers.
+//! NumPy's array format, versions 1 to 3 (numpy.lib.format): a magic string, a header that is a Python dictionary, then the numbers.
 
 use super::Layout;
 use super::table::{Column, Field, Kind, Table};
 use crate::{SourceError, refused};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
-/// Numbers of one field; a guess far above any.
+/// Maximum count of numbers in one field; a guess far above any real field.
 const FIELD_NUMBERS_MAX: usize = 1 << 20;
 
 pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> {
@@ -51,7 +51,7 @@ pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> 
     Ok(table)
 }
 
-/// The dictionary and what follows it.
+/// The dictionary and the bytes after it.
 fn header(rest: &[u8]) -> Option<(&str, &[u8])> {
     let (version, rest) = rest.split_at_checked(2)?;
     let wide = if version[0] == 1 { 2 } else { 4 };
@@ -62,7 +62,7 @@ fn header(rest: &[u8]) -> Option<(&str, &[u8])> {
     Some((std::str::from_utf8(header).ok()?, data))
 }
 
-/// What follows a key in the dictionary.
+/// The value of a key in the dictionary.
 fn value<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     let (_, after) = header.split_once(&format!("'{key}':"))?;
     let after = after.trim_start();
@@ -79,7 +79,7 @@ fn numbers(text: &str) -> Vec<usize> {
     words.filter_map(|word| word.parse().ok()).collect()
 }
 
-/// `<f4` and the like.
+/// Parses a type such as `<f4`.
 fn kind(text: &str) -> Result<Kind, SourceError> {
     let text = text.trim_start_matches(['<', '>', '|', '=']);
     let (letter, bytes) = text.split_at_checked(1).unwrap_or(("", ""));
@@ -90,7 +90,7 @@ fn kind(text: &str) -> Result<Kind, SourceError> {
         .ok_or_else(|| SourceError::field("descr", "f4, f8, or an integer", text))
 }
 
-/// `[('x', '<f4'), ('normal', '<f4', (3,)), ('', '|V4')]`, the last of which is padding.
+/// Parses fields such as `[('x', '<f4'), ('normal', '<f4', (3,)), ('', '|V4')]`; the last field here is padding.
 fn named_fields(descr: &str) -> Result<Vec<Field>, SourceError> {
     let parts: Vec<&str> = descr.split('\'').skip(1).collect();
     let (fields, rest) = parts.as_chunks();

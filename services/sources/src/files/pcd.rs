@@ -3,7 +3,7 @@
 use super::table::{Field, Kind, Table};
 use crate::{SourceError, refused};
 
-/// A scan that is compressed may not grow beyond this, bytes.
+/// Maximum size of a compressed scan after unpacking, bytes.
 const UNPACKED_MAX: usize = 256 << 20;
 
 pub(super) fn table(file: &[u8]) -> Result<Table, SourceError> {
@@ -78,7 +78,7 @@ impl Header {
     }
 }
 
-/// Fields one after another, all points of each; `packed`: the compressed size, the size, the bytes.
+/// Unpacks columns: all values of one field, then all values of the next. `packed`: the compressed size, the unpacked size, the compressed bytes.
 fn columns(packed: &[u8], fields: &[Field], points: usize) -> Result<Table, SourceError> {
     let Some((sizes, rest)) = packed.split_first_chunk::<8>() else {
         return refused("data", "two sizes of 4 bytes", "its end");
@@ -103,7 +103,7 @@ fn columns(packed: &[u8], fields: &[Field], points: usize) -> Result<Table, Sour
     Ok(table)
 }
 
-/// Marc Lehmann's LZF: runs of literals, and references to what was written before. `None` where the bytes are not `length` when unpacked.
+/// Unpacks Marc Lehmann's LZF: runs of literals, and references to earlier output. `None` if the output does not have `length` bytes.
 fn unpack_lzf(packed: &[u8], length: usize) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(length);
     let mut rest = packed;
@@ -123,7 +123,7 @@ fn unpack_lzf(packed: &[u8], length: usize) -> Option<Vec<u8>> {
         if out.len() + count > length {
             return None;
         }
-        // A reference may reach into what it writes itself.
+        // A reference may overlap its own output.
         (from..from + count).for_each(|i| out.push(out[i]));
         rest = after;
     }
@@ -136,7 +136,7 @@ pub(super) mod tests {
 
     #[test]
     fn references_repeat_what_was_written_and_damage_is_found() {
-        // Two literals, then nine bytes from two before.
+        // Two literals, then nine bytes that are copied from two bytes back.
         let packed = [1, b'a', b'b', 7 << 5, 0, 1];
         let found = unpack_lzf(&packed, 11);
         assert_eq!(found.as_deref(), Some(&b"abababababa"[..]));

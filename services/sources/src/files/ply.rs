@@ -22,7 +22,7 @@ pub(super) fn table(file: &[u8]) -> Result<Table, SourceError> {
             ["element", other, _] if rows.is_none() => {
                 return refused("elements", "vertex first", other);
             }
-            // What follows the vertices is of no use.
+            // Elements after the vertices are not used.
             ["element", ..] => break,
             ["property", "list", ..] => {
                 return refused("properties of vertex", "no list", line);

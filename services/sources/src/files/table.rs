@@ -1,15 +1,15 @@
-//! A file's numbers as columns: what all formats come down to.
+//! A file's numbers as columns: the common form of all formats.
 
 use crate::{SourceError, refused};
 
 /// How a number is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// Signed or unsigned, of so many bytes.
+    /// Signed or unsigned integer of `bytes` bytes.
     Integer { bytes: usize, is_signed: bool },
     /// f32 or f64.
     Float { bytes: usize },
-    /// A whole number that was text: f64.
+    /// An integer that was text; stored as f64.
     Whole,
 }
 
@@ -32,7 +32,7 @@ impl Kind {
         }
     }
 
-    /// The number in the first bytes of `from`, which are as many as it has.
+    /// The number in `from`, which must have exactly as many bytes as the number.
     fn read(self, from: &[u8], is_big_endian: bool) -> f64 {
         let mut raw = [0; 8];
         let used = &mut raw[..self.bytes()];
@@ -53,7 +53,7 @@ impl Kind {
     }
 }
 
-/// Where a named column lies: its value of row i begins at `start + i * stride`.
+/// Location of a named column: the value of row i begins at byte `start + i * stride`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Column {
     pub(super) name: String,
@@ -67,16 +67,16 @@ pub(super) struct Column {
 pub(super) struct Table {
     pub(super) data: Vec<u8>,
     pub(super) is_big_endian: bool,
-    /// Rows that the file promises.
+    /// Number of rows that the file announces.
     pub(super) rows: usize,
     pub(super) columns: Vec<Column>,
 }
 
-/// A column's name, its kind, and how many numbers it has (only the first is of use).
+/// A column's name, its kind, and its count of numbers; only the first number is used.
 pub(super) type Field = (String, Kind, usize);
 
 impl Table {
-    /// Rows one after another, each with its fields one after another. `rows`: what the file promises.
+    /// A table of consecutive rows, each with consecutive fields. `rows`: the number of rows that the file announces.
     pub(super) fn of_rows(data: Vec<u8>, fields: &[Field], rows: usize) -> Table {
         let bytes = |(_, kind, count): &Field| kind.bytes() * count;
         let stride = fields.iter().map(bytes).sum();
@@ -99,7 +99,7 @@ impl Table {
         }
     }
 
-    /// Numbers as text, `fields` of them a row; empty lines are left out, and so is a last line that is cut.
+    /// A table of numbers that are text, one row with all `fields` per line. Empty lines and an incomplete last line are skipped.
     pub(super) fn of_text(
         text: &[u8],
         fields: &[Field],
@@ -131,7 +131,7 @@ impl Table {
         Ok(Table::of_rows(data, &fields, rows))
     }
 
-    /// The column of the first of these names that there is, in any case.
+    /// The column with the first of these names that the table has; letter case is ignored.
     pub(super) fn column(&self, names: &[&str]) -> Option<&Column> {
         let is_named = |column: &&Column, name: &str| column.name.eq_ignore_ascii_case(name);
         let find = |name: &&str| self.columns.iter().find(|column| is_named(column, name));

@@ -1,31 +1,31 @@
-//! What the vendors' tools write about one unit.
+//! Calibration files of one sensor unit, as the vendors' tools write them.
 
 use serde::Deserialize;
 
 use super::ouster::Metadata;
 use crate::{SourceError, refused};
 
-/// Beams of the largest sensor, twice.
+/// Twice the number of beams of the largest sensor.
 const BEAMS_MAX: usize = 256;
-/// Far above any calibration file.
+/// Far above the size of any calibration file.
 const BYTES_MAX: usize = 4 << 20;
 
-/// A unit's angles and what else its vendor measured.
+/// The beam angles of one unit and the other values that its vendor measured.
 #[derive(Clone, Debug)]
 pub enum Calibration {
-    /// A YAML file with a list `lasers`, angles in rad, distances in m, as the common drivers have it.
+    /// A YAML file with a list `lasers`, angles in rad, distances in m: the format of the common drivers.
     Velodyne(VelodyneTable),
-    /// A CSV file: a line of names, then channel, elevation, azimuth against the block's, clockwise (degrees). Here the latter two.
+    /// A CSV file: a header line, then channel, elevation, azimuth relative to the block's, clockwise (degrees). The list keeps the two angles.
     Hesai(Vec<[f32; 2]>),
     /// The sensor's metadata, JSON.
     Ouster(Box<Metadata>),
 }
 
-/// Velodyne's `lasers`, by laser id.
+/// Velodyne's `lasers`, sorted by laser id.
 #[derive(Clone, Debug)]
 pub struct VelodyneTable {
     pub(super) lasers: Vec<Laser>,
-    /// m; the product's where absent.
+    /// Unit of the distances, m. Where it is absent, the product's unit applies.
     pub(super) unit_m: Option<f32>,
 }
 
@@ -51,7 +51,7 @@ struct VelodyneFile {
 }
 
 impl Calibration {
-    /// Reads a calibration of any of the vendors; the content says which.
+    /// Reads a calibration file of any of the vendors and recognizes the vendor by the content.
     pub fn parse(text: &str) -> Result<Calibration, SourceError> {
         if text.len() > BYTES_MAX {
             let expected = format!("at most {BYTES_MAX} bytes");
@@ -67,7 +67,7 @@ impl Calibration {
         }
     }
 
-    /// What to say where another sensor's packets come.
+    /// The error for packets of another sensor.
     pub(super) fn is_not(&self, found: &str) -> SourceError {
         SourceError::field("packets", self.describe(), found)
     }
@@ -99,7 +99,7 @@ impl VelodyneTable {
             let near_m = [l.dist_correction, l.dist_correction_x, l.dist_correction_y];
             let off_m = [l.vert_offset_correction, l.horiz_offset_correction];
             let angles_rad = [l.rot_correction, l.vert_correction];
-            // Not a number is not within.
+            // NaN is not within the limits.
             let is_fine = near_m.iter().chain(&off_m).all(|m| m.abs() <= 10.0)
                 && angles_rad.iter().all(|rad| rad.abs() <= 6.3);
             if !is_fine {
@@ -120,11 +120,11 @@ impl VelodyneTable {
 
 fn channels(text: &str) -> Result<Vec<[f32; 2]>, SourceError> {
     let mut channels = Vec::new();
-    // A first line that names the format has the header behind it.
+    // Where the first line names the format, the header is the second line.
     let headers = if text.starts_with("EEFF") { 2 } else { 1 };
     for (index, line) in text.lines().enumerate().skip(headers) {
         let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-        // Empty, or a checksum.
+        // An empty line or a checksum.
         if fields.len() < 3 || fields.iter().all(|field| field.is_empty()) {
             continue;
         }

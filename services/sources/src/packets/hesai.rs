@@ -1,6 +1,6 @@
-//! Hesai's packets of the Pandar40P, Pandar64 and PandarXT-32: blocks of one shot a channel, the time of the end (user manuals, "point cloud data packet").
+//! Packets of Hesai's Pandar40P, Pandar64 and PandarXT-32: blocks of one shot per channel, the end time (user manuals, "point cloud data packet").
 //!
-//! The times of channels within a block are those of the manuals' appendix "absolute time of point cloud data".
+//! The times of the channels within a block are from the manuals' appendix "absolute time of point cloud data".
 
 use std::sync::LazyLock;
 
@@ -10,24 +10,24 @@ use serde::Deserialize;
 use super::{Calibration, Damaged, Revolution, sweep::Sweep, u16_at, u32_at};
 use crate::SourceError;
 
-/// A product's packet: a header, blocks of an azimuth and a shot a channel, a tail. Bytes.
+/// Layout of a product's packet, in bytes: a header, blocks of an azimuth and one shot per channel, a tail.
 #[derive(Deserialize)]
 pub(super) struct Layout {
-    /// In `sensors/`.
+    /// Name in `sensors/`.
     profile: String,
     header: usize,
-    /// Before each block's azimuth.
+    /// Bytes before each block's azimuth.
     mark: usize,
     blocks: usize,
     channels: usize,
     shot: usize,
-    /// Of the tail: its length without the sequence number that may follow, and where in it are the time in us, the return mode, the date.
+    /// The tail: its length without the sequence number that may follow, then the offsets of the time (us), the return mode and the date in it.
     tail: [usize; 4],
-    /// The byte with the unit of distances in mm; 4 mm where there is none.
+    /// Offset of the byte with the unit of distances in mm. Where it is absent, the unit is 4 mm.
     unit_at: Option<usize>,
-    /// From block to block, and of the last block against the packet's time.
+    /// Time from one block to the next, and time of the last block relative to the packet's time.
     blocks_ns: [i64; 2],
-    /// Of each channel in its block.
+    /// Time of each channel relative to its block.
     channel_ns: Vec<i32>,
 }
 
@@ -40,7 +40,7 @@ pub(super) fn recognize(payload: &[u8]) -> Option<&'static Layout> {
 }
 
 impl Layout {
-    /// Length and marks.
+    /// Checks the length and the marks.
     fn takes(&self, payload: &[u8]) -> bool {
         let bytes = self.tail_at() + self.tail[0];
         let mut blocks = (0..self.blocks).map(|block| &payload[self.block_at(block)..]);
@@ -158,7 +158,7 @@ impl Hesai {
     }
 }
 
-/// Blocks of one azimuth, by the return mode.
+/// The number of blocks per azimuth in a return mode.
 fn returns(mode: u8) -> Option<usize> {
     match mode {
         0x33 | 0x34 | 0x37 | 0x38 => Some(1),
@@ -167,8 +167,8 @@ fn returns(mode: u8) -> Option<usize> {
     }
 }
 
-/// Since 1970, of year (since 1900, or since 2000 below 100), month, day, hour, minute, second; or, behind two zeros, which no date has, as they are
-/// (`GetMicroLidarTimeU64` of Hesai's SDK 2.0). Without GPS or PTP a sensor counts from where it likes: what no calendar has is cut to the calendar's range.
+/// Seconds since 1970 of a date: year (since 2000 below 70, else since 1900), month, day, hour, minute, second. After two zeros, which no date has,
+/// come the seconds (`GetMicroLidarTimeU64` of Hesai's SDK 2.0). A sensor without GPS or PTP counts from any time; impossible dates are clamped.
 fn seconds(date: &[u8]) -> u64 {
     if let [0, 0, seconds @ ..] = date
         && seconds[0] > 31
@@ -181,7 +181,7 @@ fn seconds(date: &[u8]) -> u64 {
         year => 1900 + year,
     };
     let (month, day) = (part(1, 1, 12), part(2, 1, 31));
-    // Days before the month, the year counted from March, so that the leap day is its last.
+    // The days before the month. The year starts in March, so that the leap day is its last day.
     let (year, month) = match month {
         3.. => (year, month - 3),
         _ => (year - 1, month + 9),

@@ -1,4 +1,4 @@
-//! Packets of spinning LiDARs to revolutions: no clock, no file, no socket.
+//! Decodes packets of spinning LiDARs into revolutions. It uses no clock, no file and no socket.
 //!
 //! | sensors | calibration | source |
 //! |---|---|---|
@@ -7,10 +7,10 @@
 //! | Hesai Pandar40P, Pandar64, PandarXT-32 | built in, or the unit's CSV file | user manuals: point cloud data packet, absolute time of point cloud data |
 //! | Ouster, profiles `LEGACY`, `RNG15_RFL8_NIR8`, `RNG19_RFL8_SIG16_NIR16` and `..._DUAL` | metadata JSON | firmware user manual: lidar data packet format, coordinate frames |
 //!
-//! What the packets and the calibration say chooses the decoder. **Frame**: x ahead, y left, z up, m. Ahead is azimuth 0 of Velodyne and Hesai (whose manuals
-//! call it y), x of Ouster's sensor frame. **Intensity**: the sensor's 8-bit reflectivity over 255, 0 to 1.
+//! The packets and the calibration determine the decoder. **Frame**: x ahead, y left, z up, m. Ahead is azimuth 0 of Velodyne and Hesai (whose
+//! manuals call it y) and x of Ouster's sensor frame. **Intensity**: the sensor's 8-bit reflectivity divided by 255, 0 to 1.
 //!
-//! A shot without return is no point. A revolution ends where the azimuth passes 0 or goes back, or with Ouster's frame. Nothing is dropped in silence: see [`Counts`].
+//! A shot without return gives no point. A revolution ends where the azimuth passes 0 or goes back, or with Ouster's frame. [`Counts`] counts drops.
 //!
 //! ```no_run
 //! use mluc_sources::packets::{Calibration, Revolution};
@@ -49,54 +49,54 @@ use hesai::Hesai;
 use sweep::Sweep;
 use velodyne::Velodyne;
 
-/// What came in one UDP datagram.
+/// One received UDP datagram.
 #[derive(Clone, Copy, Debug)]
 pub struct Datagram<'a> {
-    /// When it came, UTC, ns since 1970.
+    /// Time of arrival, UTC, ns since 1970.
     pub stamp_ns: u64,
-    /// Who sent it.
+    /// The sender.
     pub from: SocketAddr,
-    /// To which port.
+    /// The destination port.
     pub to_port: u16,
     /// The content.
     pub payload: &'a [u8],
 }
 
-/// One turn of the sensor. The lists of points and times have the same length and order: that of the shots.
+/// One turn of the sensor. The lists of points and times have the same length; both are in the order of the shots.
 #[derive(Clone, Debug, Default)]
 pub struct Revolution {
-    /// Of the first shot, by the sensor's clock, ns.
+    /// Time of the first shot by the sensor's clock, ns.
     pub stamp_ns: u64,
-    /// It counts UTC since 1970 (of a Velodyne the receiver's clock says which hour); else PTP's time, or since an Ouster was switched on.
+    /// `stamp_ns` counts UTC since 1970 (a Velodyne's hour is from the receiver's clock). Else: PTP time, or time since an Ouster was switched on.
     pub is_utc: bool,
-    /// When its first datagram came, UTC, ns since 1970.
+    /// Time of arrival of the first datagram, UTC, ns since 1970.
     pub received_ns: u64,
     /// At most [`POINTS_MAX`](mluc_ipc_types::POINTS_MAX).
     pub points: Vec<Point>,
-    /// Of each point since `stamp_ns`, ns.
+    /// Time of each point since `stamp_ns`, ns.
     pub offsets_ns: Vec<u32>,
-    /// Points beyond the limit.
+    /// Number of points dropped beyond the limit.
     pub dropped_over_limit: u32,
-    /// Packets that are missing in it.
+    /// Number of packets that are missing in this revolution.
     pub packets_lost: u32,
-    /// The sensor was heard for a part of the turn only: at the start, at the end and around a silence.
+    /// Packets came for a part of the turn only. This is so at the start, at the end and around a silence of the sensor.
     pub is_partial: bool,
 }
 
-/// What became of the datagrams.
+/// How many datagrams were decoded, damaged, lost, late or not from this sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Decoded packets.
     pub packets: u64,
-    /// Datagrams of other senders, ports or formats: not this sensor's points.
+    /// Datagrams of other senders, ports or formats: they are not this sensor's points.
     pub other_traffic: u64,
-    /// Packets of this sensor whose content is impossible: not decoded.
+    /// Packets of this sensor with impossible content. They are not decoded.
     pub damaged: u64,
-    /// Packets that never came, by sequence number or by time.
+    /// Packets that never came, detected by sequence number or by time.
     pub lost: u64,
     /// Packets that came twice or after a later one. They are decoded where their turn is still open.
     pub late: u64,
-    /// Revolutions given out.
+    /// Revolutions passed to the callback.
     pub revolutions: u64,
 }
 
@@ -106,7 +106,7 @@ enum Family {
     Ouster(Box<Metadata>),
 }
 
-/// Packets of one sensor to revolutions; see the [module](self).
+/// Decodes the packets of one sensor into revolutions; see the [module](self).
 pub struct Decoder {
     family: Family,
     /// The sensor's address and the port that it sends to.
@@ -120,12 +120,12 @@ struct Damaged;
 /// Looks for a sensor among datagrams.
 pub struct Detector<'a> {
     calibration: Option<&'a Calibration>,
-    /// Of the datagrams that are no known sensor's; the first few lengths that differ.
+    /// The first few distinct lengths of the datagrams that are not from a known sensor.
     lengths: Vec<usize>,
 }
 
 impl<'a> Detector<'a> {
-    /// With the calibration of the sensor that is looked for.
+    /// A detector for the sensor of this calibration.
     pub fn new(calibration: Option<&'a Calibration>) -> Detector<'a> {
         Detector {
             calibration,
@@ -133,8 +133,8 @@ impl<'a> Detector<'a> {
         }
     }
 
-    /// The decoder for a datagram, if it is a known sensor's; datagrams from the same address to the same port are that sensor's. Fails where the calibration is
-    /// another sensor's, or missing and needed. The datagram itself is not decoded yet.
+    /// The decoder for a datagram, if a known sensor sent it. All datagrams from the same address to the same port are that sensor's. Fails where the
+    /// calibration is for another sensor, or is needed and missing. The datagram itself is not decoded yet.
     pub fn look(&mut self, datagram: &Datagram) -> Result<Option<Decoder>, SourceError> {
         let (payload, calibration) = (datagram.payload, self.calibration);
         let family = if let Some(product) = velodyne::recognize(payload, calibration) {
@@ -160,7 +160,7 @@ impl<'a> Detector<'a> {
         }))
     }
 
-    /// What to say where all were looked at in vain.
+    /// The error for the case that no datagram was from a known sensor.
     pub fn not_found(&self) -> SourceError {
         let any = "a Velodyne or Hesai sensor's (an Ouster's need its metadata as calibration)";
         let given = self.calibration.map(Calibration::describe);
@@ -174,7 +174,7 @@ impl<'a> Detector<'a> {
 }
 
 impl Decoder {
-    /// Make and type.
+    /// Make and model.
     pub fn product(&self) -> &str {
         match &self.family {
             Family::Velodyne(velodyne) => &velodyne.name,
@@ -183,10 +183,10 @@ impl Decoder {
         }
     }
 
-    /// Decodes a datagram; `on` gets the revolutions that end in it (none, or one).
+    /// Decodes a datagram; `on` gets the revolution that ends in it, if any.
     pub fn push(&mut self, datagram: &Datagram, on: &mut dyn FnMut(&Revolution)) {
         let (payload, sweep) = (datagram.payload, &mut self.sweep);
-        // No clock goes so far; sums stay within their type.
+        // No real clock reaches this limit. It keeps sums within their type.
         sweep.received_ns = datagram.stamp_ns.min(i64::MAX as u64);
         let is_ours = (datagram.from.ip(), datagram.to_port) == self.sensor
             && match &self.family {
@@ -209,18 +209,18 @@ impl Decoder {
         }
     }
 
-    /// Gives out what has come of the last revolution.
+    /// Passes the unfinished last revolution to `on`.
     pub fn finish(&mut self, on: &mut dyn FnMut(&Revolution)) {
         self.sweep.cut(false, 0, on);
     }
 
-    /// What became of the datagrams so far.
+    /// The counts of the datagrams so far.
     pub fn counts(&self) -> Counts {
         self.sweep.counts
     }
 }
 
-/// Little-endian numbers of a packet whose length was checked: what lies beyond its end reads as 0.
+/// Reads a little-endian number of a packet whose length was checked. A number beyond the end reads as 0.
 fn u16_at(bytes: &[u8], at: usize) -> u16 {
     let found = bytes.get(at..).and_then(<[u8]>::first_chunk);
     found.map_or(0, |b| u16::from_le_bytes(*b))

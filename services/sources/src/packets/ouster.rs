@@ -10,10 +10,10 @@ use crate::{SourceError, refused};
 
 const COLUMNS_MAX: usize = 4096;
 const ROWS_MAX: usize = 256;
-/// Frames back that are late packets and not a restart.
+/// A packet of at most this many frames back is late; farther back, the sensor was restarted.
 const FRAMES_LATE: u16 = 4;
 
-/// A layout of packets. Bytes.
+/// A layout of packets, in bytes.
 #[derive(Debug, Deserialize)]
 struct Profile {
     name: String,
@@ -28,25 +28,25 @@ static PROFILES: LazyLock<Vec<Profile>> = LazyLock::new(|| {
     serde_json::from_str(include_str!("ouster.json")).expect("the table, which a test reads")
 });
 
-/// What the sensor says of itself.
+/// What the sensor reports about itself.
 #[derive(Clone, Debug)]
 pub struct Metadata {
     pub(super) product: String,
     pub(super) is_utc: bool,
     profile: &'static Profile,
-    /// Columns of a frame.
+    /// Columns per frame.
     pub columns: usize,
-    /// Pixels of a column, from the top.
+    /// Pixels per column, counted from the top.
     pub rows: usize,
     columns_per_packet: usize,
-    /// Of a packet among those of a frame that the sensor sends, by its place in the full turn.
+    /// Rank of each packet of the full turn among the packets that the sensor sends per frame. None: the sensor does not send it.
     ranks: Vec<Option<u64>>,
     packets_per_frame: u64,
-    /// Of each row: sine and cosine of the elevation and of the azimuth.
+    /// Sine and cosine of the elevation and of the azimuth, for each row.
     rows_sin_cos: Vec<[f32; 4]>,
-    /// From the middle of the turning head to where the beams begin: outwards, up.
+    /// From the center of the turning head to the origin of the beams: outwards, up.
     origin_m: [f32; 2],
-    /// Row by row, m.
+    /// A 4 x 4 matrix, row by row; translation in m.
     sensor_from_lidar: [f32; 16],
     last_frame: Option<u16>,
 }
@@ -54,21 +54,21 @@ pub struct Metadata {
 /// A pixel of a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shot {
-    /// The sensor's count of frames.
+    /// The sensor's frame number.
     pub frame: u16,
-    /// In the turn, as the sensor counts (staggered).
+    /// Column in the turn, as the sensor counts (staggered).
     pub column: u16,
-    /// From the top.
+    /// Row, counted from the top.
     pub row: u16,
-    /// Of the strongest and the second strongest echo, mm; 0: none.
+    /// Ranges of the strongest and the second strongest echo, mm; 0: none.
     pub ranges_mm: [u32; 2],
-    /// Of both.
+    /// Reflectivities of both echoes.
     pub reflectivities: [u8; 2],
-    /// By the sensor's clock, ns.
+    /// Time by the sensor's clock, ns.
     pub stamp_ns: u64,
 }
 
-/// The metadata's fields, wherever in it: firmware versions differ.
+/// The metadata's fields, at the top level or one level down: firmware versions differ.
 #[derive(Deserialize)]
 struct Fields {
     beam_altitude_angles: Vec<f32>,
@@ -96,7 +96,7 @@ impl Fields {
         serde_json::from_value(Value::Object(all))
     }
 
-    /// How far out beams begin where the firmware (to 1.13) does not say it: as Ouster's SDK has it (`default_lidar_origin_to_beam_origin`).
+    /// Outward offset of the beams' origin, for firmware (up to 1.13) that does not report it: Ouster SDK's `default_lidar_origin_to_beam_origin`.
     fn out_mm(&self) -> f32 {
         let line = self.prod_line.as_deref().unwrap_or_default();
         let known = [("OS-0", 27.67), ("OS-1", 15.806), ("OS-2", 13.762)];
@@ -104,7 +104,7 @@ impl Fields {
         found.map_or(12.163, |(_, out_mm)| *out_mm)
     }
 
-    /// Rows, columns, columns of a packet.
+    /// Rows, columns, columns per packet.
     fn shape(&self) -> Result<[usize; 3], SourceError> {
         let columns_of = |mode: &str| mode.split('x').next()?.parse().ok();
         let by_mode = self.lidar_mode.as_deref().and_then(columns_of);
@@ -153,7 +153,7 @@ impl Metadata {
             (origin, &origin_mm[..]),
             ("lidar_to_sensor_transform", &sensor_from_lidar[..]),
         ] {
-            // Not a number is not within.
+            // NaN is not within the limits.
             if let Some(found) = numbers.iter().find(|v| !(-1e5..=1e5).contains(*v)) {
                 return refused(format!("calibration: {name}"), "-100000 to 100000", found);
             }
@@ -199,7 +199,7 @@ impl Metadata {
         profile.header + self.columns_per_packet * self.column_bytes() + profile.footer
     }
 
-    /// Length, and the mark of a lidar packet where there is one.
+    /// Checks the length and, where there is one, the mark of a lidar packet.
     pub(super) fn takes(&self, payload: &[u8]) -> bool {
         payload.len() == self.packet_bytes()
             && (self.profile.header == 0 || u16_at(payload, 0) == 1)
@@ -211,7 +211,7 @@ impl Metadata {
         columns.take(self.columns_per_packet)
     }
 
-    /// Every pixel of a packet's valid columns, column by column; nothing where it is not this sensor's packet.
+    /// Calls `each` for every pixel of a packet's valid columns, column by column. Does nothing if it is not this sensor's packet.
     pub fn shots(&self, payload: &[u8], each: &mut dyn FnMut(&Shot)) {
         if !self.takes(payload) {
             return;
@@ -283,7 +283,7 @@ impl Metadata {
         }
         match self.last_frame.map(|last| last.wrapping_sub(frame)) {
             Some(0) => {}
-            // Its frame has been given out.
+            // The frame of this packet has been passed on.
             Some(1..=FRAMES_LATE) => return Ok(()),
             since => {
                 let is_whole = since.is_some() && !sweep.was_silent();
@@ -311,7 +311,7 @@ impl Metadata {
     fn position_m(&self, shot: &Shot, slot: usize, sin: f32, cos: f32) -> [f32; 3] {
         let [up, level, turn_sin, turn_cos] = self.rows_sin_cos[usize::from(shot.row)];
         let [out_m, above_m] = self.origin_m;
-        // The range counts from the middle of the head.
+        // The range is measured from the center of the head.
         let beam_m = shot.ranges_mm[slot] as f32 / 1000.0 - out_m.hypot(above_m);
         let level_m = beam_m * level;
         let in_lidar_m = [
@@ -337,7 +337,7 @@ pub(super) fn recognize(
     }
 }
 
-/// Which packets of a turn the sensor sends: those with a column in the window, whose end may lie before its start.
+/// Ranks and counts the packets that the sensor sends in a turn: packets with a column in the window. The window's end may lie before its start.
 fn ranks(window: [usize; 2], columns: usize, per_packet: usize) -> (Vec<Option<u64>>, u64) {
     let [first, last] = window;
     let is_inside = |column: usize| match first <= last {

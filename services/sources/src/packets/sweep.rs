@@ -1,24 +1,24 @@
-//! The revolution under construction: where it is cut, what is lost, how much it holds.
+//! The revolution under construction: where it ends, which packets are lost, how many points it keeps.
 
 use mluc_ipc_types::{POINTS_MAX, Point};
 
 use super::{Counts, Revolution};
 
-/// Half a turn at 20 Hz, the fastest that these sensors spin: a revolution that a cut began does not end sooner.
+/// Half a turn at 20 Hz, the fastest rate of these sensors. A revolution that began at a cut lasts at least this long.
 const TURN_MIN_NS: u64 = 25_000_000;
-/// Longer than a turn at 5 Hz, the slowest: beyond it the sensor was silent or its clock was set.
+/// Longer than a turn at 5 Hz, the slowest rate. If more time passes, the sensor was silent or its clock was set.
 const TURN_MAX_NS: u64 = 500_000_000;
-/// More missing packets than any queue explains, about ten seconds: the sensor was restarted or silent.
+/// About ten seconds of packets, more than any queue loses. If more are missing, the sensor was restarted or silent.
 const LOST_MAX: u64 = 20_000;
 
-/// Farther back than a late packet is: the next turn, of a sensor that leaves a sector out.
+/// Farther back than any late packet. A larger step back begins the next turn, where a sensor leaves a sector out.
 const BACK_CDEG: u16 = 500;
 
-/// A bounded number of points on their way out.
+/// Collects a bounded number of points into revolutions.
 #[derive(Default)]
 pub(super) struct Sweep {
     pub(super) counts: Counts,
-    /// Of the datagram at hand.
+    /// Time of arrival of the current datagram.
     pub(super) received_ns: u64,
     revolution: Revolution,
     /// Whether a shot has come.
@@ -28,7 +28,7 @@ pub(super) struct Sweep {
     last_column_ns: u64,
     last_sequence: Option<u64>,
     last_packet_ns: Option<u64>,
-    /// Packets lost before the datagram at hand.
+    /// Packets lost before the current datagram.
     lost_before: u32,
     /// Time and azimuth of the packet after the last gap.
     last_gap: Option<(u64, u16)>,
@@ -46,7 +46,7 @@ impl Sweep {
         }
     }
 
-    /// A packet's number among `modulus` ones.
+    /// Takes a packet's sequence number, which counts modulo `modulus`.
     pub(super) fn sequence(&mut self, sequence: u64, modulus: u64) {
         self.lost_before = 0;
         let last = self.last_sequence.replace(sequence);
@@ -63,8 +63,8 @@ impl Sweep {
         }
     }
 
-    /// A packet's time by the sensor's clock and its first azimuth, where packets have no numbers. A gap at the azimuth of the last turn's is a sector that the
-    /// sensor leaves out.
+    /// Takes a packet's time by the sensor's clock and its first azimuth, for packets without numbers. A gap at the same azimuth as in the last turn
+    /// is a sector that the sensor leaves out.
     pub(super) fn packet(&mut self, stamp_ns: u64, interval_ns: u64, azimuth_cdeg: u16) {
         self.lost_before = 0;
         let last = self.last_packet_ns.replace(stamp_ns);
@@ -96,7 +96,7 @@ impl Sweep {
         *lost = lost.saturating_add(packets as u32);
     }
 
-    /// A column of shots at an azimuth (hundredths of a degree), the earliest of them at `stamp_ns`: ends the revolution where the azimuth passes 0.
+    /// Starts a column of shots at an azimuth (0.01 degrees), the earliest at `stamp_ns`. Ends the revolution where the azimuth passes 0.
     pub(super) fn column(
         &mut self,
         azimuth_cdeg: u16,
@@ -110,9 +110,9 @@ impl Sweep {
         let age_ns = stamp_ns.saturating_sub(self.revolution.stamp_ns);
         let goes_on = stamp_ns > self.last_column_ns;
         self.last_column_ns = stamp_ns;
-        // A late packet is no new turn, and at the border packets pass 0 more than once.
+        // A late packet begins no new turn. At the border, packets pass 0 more than once.
         if passes_zero && goes_on && (!self.begins_whole || age_ns >= TURN_MIN_NS) {
-            // What was lost around the border belongs to both turns, by their angles.
+            // Packets lost around the border are divided between both turns by their angles.
             let [before, after] = [last, azimuth_cdeg].map(|at| u64::from(at.min(36_000)));
             let (before, after) = match after > before {
                 true => (before, 36_000 - after),
@@ -126,7 +126,7 @@ impl Sweep {
         self.shots(stamp_ns, on);
     }
 
-    /// Shots, the earliest of them at `stamp_ns`. Ends a revolution that is too old for them.
+    /// Starts shots, the earliest at `stamp_ns`. Ends a revolution that is too old for them.
     pub(super) fn shots(&mut self, stamp_ns: u64, on: &mut dyn FnMut(&Revolution)) {
         if self.is_open && self.revolution.stamp_ns.abs_diff(stamp_ns) > TURN_MAX_NS {
             self.cut(false, 0, on);
@@ -143,7 +143,7 @@ impl Sweep {
         self.received_ns.abs_diff(self.revolution.received_ns) > TURN_MAX_NS
     }
 
-    /// A shot's two returns (a sensor with one has it twice): `point` for each that there is, once for two that are the same.
+    /// Calls `point` for each of a shot's two returns that is above 0, only once where both are the same. A sensor with one return repeats it.
     pub(super) fn shot(&mut self, distances: [u32; 2], mut point: impl FnMut(usize, &mut Sweep)) {
         for slot in [0, 1] {
             let is_new = slot == 0 || distances[1] != distances[0];
@@ -153,7 +153,7 @@ impl Sweep {
         }
     }
 
-    /// `xyz_m` in the frame of the [module](super), reflectivity of 255.
+    /// Adds a point: `xyz_m` in the frame of the [module](super), reflectivity of 0 to 255.
     pub(super) fn point(&mut self, xyz_m: [f32; 3], reflectivity: u8, stamp_ns: u64) {
         let revolution = &mut self.revolution;
         if revolution.points.len() == POINTS_MAX {
@@ -172,8 +172,8 @@ impl Sweep {
         revolution.offsets_ns.push(offset_ns as u32);
     }
 
-    /// Gives out the revolution and begins the next one; `is_whole`: here a turn ends and the next one starts. `lost_after`: packets lost just before, of the
-    /// next one, at most.
+    /// Passes the revolution to `on` and begins the next one. `is_whole`: a turn ends here and the next one starts. `lost_after`: how many of the
+    /// packets lost just before belong to the next revolution, at most.
     pub(super) fn cut(&mut self, is_whole: bool, lost_after: u32, on: &mut dyn FnMut(&Revolution)) {
         let begins_whole = std::mem::replace(&mut self.begins_whole, is_whole);
         if !std::mem::take(&mut self.is_open) {

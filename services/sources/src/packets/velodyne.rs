@@ -1,8 +1,8 @@
 //! Velodyne's 1206-byte packets: 12 blocks of 32 shots, the time, the return mode, the product (manual 63-9243, section 9.3).
 //!
-//! The azimuth of a shot is its firing's, turned on by the time since the firing began (section 9.5). Where the manuals leave a choice it is Nebula's, so that
-//! clouds are the same: the last block of a packet is not turned on (0.4 degrees at most), nor is any of an HDL-64E. A VLS-128 fires two or three times a packet
-//! or once: its last firing turns on as far as the one before. The HDL-64E does not say its return mode: two returns of a shot are two points.
+//! The azimuth of a shot is its firing's azimuth plus the rotation since the firing began (section 9.5). Where the manuals leave a choice, Nebula is
+//! followed, so that clouds are the same: no rotation in a packet's last block (0.4 degrees at most) or in an HDL-64E. A VLS-128 fires one to three
+//! times per packet; its last firing rotates as far as the one before. The HDL-64E reports no return mode: two returns of a shot are two points.
 
 use std::sync::LazyLock;
 
@@ -25,21 +25,21 @@ const RETURNS_DUAL: u8 = 0x39;
 const BANKS: [u16; 4] = [0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF];
 const HOUR_NS: u64 = 3_600_000_000_000;
 const HOUR_US: u32 = 3_600_000_000;
-/// Farther than any of them turns within a block: the sensor left a sector out.
+/// No sensor turns farther within a block. A larger gap is a sector that the sensor leaves out.
 const GAP_MAX_CDEG: u32 = 200;
 
-/// A type of sensor.
+/// A sensor model.
 #[derive(Deserialize)]
 pub(super) struct Product {
-    /// In `sensors/`.
+    /// Name in `sensors/`.
     profile: String,
     /// The last byte of a packet; the HDL-64E has its status there.
     id: Option<u8>,
     lasers: usize,
     unit_mm: u8,
-    /// From one firing of all lasers to the next one.
+    /// Time from one firing of all lasers to the next one.
     cycle_ns: u32,
-    /// Which beam from the top each laser is, where all units are alike (of a VLP-32C by manual 63-9325, section 9.2).
+    /// The beam of each laser, counted from the top, where all units are alike (VLP-32C: manual 63-9325, section 9.2).
     rings: Option<Vec<usize>>,
 }
 
@@ -64,7 +64,7 @@ impl Product {
     }
 }
 
-/// A packet's product: by its flags and last byte, else by the calibration's number of lasers.
+/// Recognizes a packet's product by its flags and last byte, else by the calibration's number of lasers.
 pub(super) fn recognize(
     payload: &[u8],
     calibration: Option<&Calibration>,
@@ -108,7 +108,7 @@ pub(super) struct Velodyne {
     unit_m: f32,
     beams: Vec<Beam>,
     last_stamp_ns: Option<u64>,
-    /// Azimuth of the last packet, 0.01 degrees.
+    /// First azimuth of the last packet, 0.01 degrees.
     last_cdeg: Option<u16>,
 }
 
@@ -159,7 +159,7 @@ impl Velodyne {
             return Err(Damaged);
         }
         let stamp_ns = self.in_hour(u64::from(stamp_us) * 1000, sweep.received_ns);
-        // A firing fills half a block, one block or several ones.
+        // A firing fills half a block, one block or several blocks.
         let firings = blocks * BLOCK_SHOTS / lasers / returns;
         let azimuth_of = |block: usize| u16_at(payload, block * BLOCK_BYTES + 2);
         let interval_ns = firings.max(1) as u64 * u64::from(self.product.cycle_ns);
@@ -172,7 +172,7 @@ impl Velodyne {
             last_cdeg => last_cdeg.map_or(0, |last_cdeg| gap_cdeg(last_cdeg, first_cdeg)),
         };
         for block in (0..blocks).step_by(returns) {
-            // What follows the last firing comes with the next packet.
+            // The azimuth after the last firing comes with the next packet.
             let gap_cdeg = match block + ahead {
                 after if after < blocks => gap_cdeg(azimuth_of(block), azimuth_of(after)),
                 _ if lasers == 128 => before_cdeg,
@@ -216,7 +216,7 @@ impl Velodyne {
         }
     }
 
-    /// When a shot is fired after its firing's start, ns, and how far the head has turned since the block's azimuth, as a share of the way to the next block's.
+    /// Time of a shot since its firing's start, ns, and rotation since the block's azimuth, as a share of the way to the next block's azimuth.
     fn moment(&self, shot: usize) -> (u64, f32) {
         match self.product.lasers {
             16 => {
@@ -228,19 +228,19 @@ impl Velodyne {
                 let ns = shot as u64 * 1_152;
                 (ns, ns as f32 / 46_080.0)
             }
-            // Two at once; the azimuth goes on by laser all the same, as the other decoders have it.
+            // Two lasers fire at once. The azimuth advances per laser all the same, as in the other decoders.
             32 => ((shot / 2) as u64 * 2_304, shot as f32 * 2_304.0 / 55_296.0),
-            // Eight at once, a pause after the first half (manual 63-9483, firing sequence).
+            // Eight lasers fire at once; a pause follows the first half (manual 63-9483, firing sequence).
             128 => {
                 let slot = (shot / 8 + shot / 64) as u64;
                 (slot * 2_665, slot as f32 * 2_665.0 / 53_300.0)
             }
-            // Not known better than the firing's 48 us.
+            // No times within the firing's 48 us are known.
             _ => (0, 0.0),
         }
     }
 
-    /// The blocks before the empty ones at the end (two returns of a VLS-128 leave four empty).
+    /// The number of blocks before the empty ones at the end (with two returns, a VLS-128 leaves four empty).
     fn whole_blocks(&self, payload: &[u8]) -> Result<usize, Damaged> {
         let lasers = self.product.lasers;
         for block in 0..BLOCKS {
@@ -257,7 +257,7 @@ impl Velodyne {
         Ok(BLOCKS)
     }
 
-    /// The hour of a time within the hour: the one that goes on from the last packet, else the nearest to the arrival.
+    /// Adds the hour to a time within the hour: the hour that continues from the last packet, else the hour nearest to the arrival.
     fn in_hour(&mut self, in_hour_ns: u64, received_ns: u64) -> u64 {
         let is_near = |last: &u64| last.abs_diff(received_ns) < HOUR_NS;
         let near_ns = self.last_stamp_ns.filter(is_near).unwrap_or(received_ns);
@@ -274,7 +274,7 @@ impl Velodyne {
     }
 }
 
-/// From one azimuth on to the next; 0 over a sector that was left out.
+/// The angle from one azimuth to the next; 0 over a sector that was left out.
 fn gap_cdeg(from: u16, to: u16) -> u32 {
     let gap_cdeg = (u32::from(to) + 36_000 - u32::from(from)) % 36_000;
     if gap_cdeg > GAP_MAX_CDEG { 0 } else { gap_cdeg }
@@ -293,7 +293,7 @@ fn beams(lasers: Vec<Laser>) -> Vec<Beam> {
 }
 
 impl Beam {
-    /// The manual's model of a laser (63-9194, appendix on calibration), its y ahead and its x to the right.
+    /// The manual's model of a laser (63-9194, appendix on calibration). The manual's y is ahead, its x to the right.
     fn position_m(&self, distance_m: f32, azimuth_rad: f32) -> [f32; 3] {
         let laser = &self.laser;
         let distance_m = distance_m + laser.dist_correction;
@@ -304,7 +304,7 @@ impl Beam {
         let ahead_m = |distance_m: f32| level_m(distance_m) * cos + aside_m * sin;
         let (mut for_right_m, mut for_ahead_m) = (distance_m, distance_m);
         if laser.two_pt_correction_available {
-            // Measured at 2.4 m and 1.93 m, and at 25.04 m, where the correction is `dist_correction`.
+            // Corrections are measured at 2.4 m and 1.93 m, and at 25.04 m, where the correction is `dist_correction`.
             let corrected = |at_m: f32, near_m: f32, near_correction_m: f32| {
                 let share = (at_m.abs() - near_m) / (25.04 - near_m) - 1.0;
                 distance_m + (laser.dist_correction - near_correction_m) * share

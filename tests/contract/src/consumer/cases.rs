@@ -14,13 +14,13 @@ use super::{Session, Suite};
 use crate::suite::{Case, Outcome, fill, wrong_instance};
 
 const FRAMES: usize = 5;
-/// Sent while the program is held.
+/// Frames that are sent while the program is held.
 const HELD: usize = 100;
-/// A topic's queue, and one frame in work.
+/// A topic's queue, and one frame in progress.
 const TAKEN_MAX: usize = 3;
-/// For one frame to be handed over; usual are some us.
+/// Limit for handing over one frame; it usually takes some us.
 const SEND_MAX: Duration = Duration::from_millis(500);
-/// So long a hostile frame is the newest.
+/// Time for which a hostile frame stays the newest.
 const TAKEN: Duration = Duration::from_millis(100);
 const SILENCE: Duration = Duration::from_millis(2500);
 const KILLS: usize = 5;
@@ -59,7 +59,7 @@ fn frames(session: &mut Session) -> Outcome {
     for _ in 0..FRAMES {
         session.ask()?;
     }
-    // A later scan has come, this one's never did.
+    // A later scan has come; the scan of this frame never came.
     let player = session.player()?;
     let mut gone = player.frame();
     let points = gone.points.take().unwrap_or_default();
@@ -99,7 +99,7 @@ fn overload(session: &mut Session) -> Outcome {
     ))
 }
 
-/// Sends a frame, then a sound one, which must be taken; gives the line of the first one.
+/// Sends a frame, then a sound one, which must be taken; returns the line of the first frame.
 fn line_of(session: &mut Session, what: &str, frame: &Frame) -> anyhow::Result<Option<Value>> {
     let (sequence, before) = (frame.header.sequence, session.lines()?.len());
     session.player()?.send(frame)?;
@@ -137,7 +137,7 @@ fn hostile_headers(session: &mut Session) -> Outcome {
     ))
 }
 
-/// Whether a line has as many objects as were published, one of which was spoiled since, or has points whose indices were.
+/// Whether a line passes on spoiled data: all published objects although one was spoiled, or points although the indices were spoiled.
 fn passes_on(line: &Value, sound: &Frame, spoiled: &Frame) -> bool {
     let objects = || line["objects"].as_array().into_iter().flatten();
     let mut pairs = sound.objects.iter().zip(&spoiled.objects);
@@ -180,7 +180,7 @@ fn hostile_values(session: &mut Session) -> Outcome {
     Ok(format!("{} survived", spoils.len()))
 }
 
-/// While nothing comes.
+/// Checks that the program stays alive while no frame comes.
 fn stays(session: &mut Session, time: Duration) -> anyhow::Result<()> {
     std::thread::sleep(time);
     session.tested.check_alive("frames")
@@ -198,7 +198,7 @@ fn new_run(session: &mut Session) -> Outcome {
     let mut old = session.player()?.frame();
     session.player()?.begin_run()?;
     session.ask().context("frame 0 of a new run")?;
-    // Its number is one that was sent in this run too.
+    // Its sequence was also sent in this run.
     (old.header.sequence, old.points) = (1, None);
     let player = session.player()?;
     let points = player.frame().points.unwrap_or_default();

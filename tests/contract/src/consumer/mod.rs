@@ -14,12 +14,12 @@ use crate::suite::{self, Case, Suite};
 use player::Frame;
 pub(crate) use player::Player;
 
-/// How often a wait looks around.
+/// Interval at which a wait checks its condition.
 const LOOK: Duration = Duration::from_millis(5);
-/// Between two frames until the first one is taken.
+/// Time between two frames until the first one is taken.
 const PERIOD: Duration = Duration::from_millis(100);
 
-/// `None`: between two pipelines.
+/// The player is `None` between two pipelines.
 type Session = suite::Session<Option<Player>>;
 
 impl Suite for Option<Player> {
@@ -59,12 +59,12 @@ impl Session {
         self.ask()
     }
 
-    /// Lines so far.
+    /// The lines that the program has written so far.
     fn lines(&mut self) -> anyhow::Result<Vec<Value>> {
         self.tested.program()?.lines()
     }
 
-    /// Sends a sound frame; its line must say what it holds.
+    /// Sends a sound frame; its line must match the frame's content.
     fn ask(&mut self) -> anyhow::Result<()> {
         let frame = self.player()?.frame();
         self.player()?.send(&frame)?;

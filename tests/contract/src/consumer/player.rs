@@ -10,9 +10,9 @@ use mluc_runtime::{Instance, Output, Shell, monotonic_ns};
 use crate::program::Options;
 use crate::suite::{begin_run, stamp};
 
-/// Room for messages that break the contract: longer than its bounds.
+/// Room for messages that break the contract because they are longer than its bounds.
 const TOO_MANY_OBJECTS: usize = OBJECTS_MAX + 88;
-/// Of a scan.
+/// Points of a scan.
 const POINTS: usize = 1000;
 
 /// A frame to be sent.
@@ -25,7 +25,7 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// Of each published object, how many points it has.
+    /// The number of points of each published object.
     pub(super) fn published_points(&self) -> Vec<u64> {
         let published = self.objects.iter().filter(|o| o.is_published());
         let has_points = u64::from(self.points.is_some());
@@ -54,7 +54,7 @@ fn object(kind: ObjectKind, points_first: u32, points_count: u32) -> Object {
 }
 
 pub(crate) struct Player {
-    // Ports go before the shell.
+    // Fields are dropped in order: the ports must be dropped before the shell.
     points: Output<Point>,
     objects: Output<Object>,
     object_points: Output<u32>,
@@ -99,7 +99,7 @@ impl Player {
         header
     }
 
-    /// The next one: a known object, one that it suppresses, and an unknown one.
+    /// The next frame: a known object, an object that it suppresses, and an unknown one.
     pub(super) fn frame(&self) -> Frame {
         let known = object(ObjectKind::Known, 0, 30);
         let suppressed = Object {
@@ -121,14 +121,14 @@ impl Player {
         }
     }
 
-    /// The next scan.
+    /// Sends the next scan.
     pub(super) fn send_scan(&mut self, points: &[Point]) -> anyhow::Result<()> {
         let header = self.header(self.next);
         self.next += 1;
         Ok(self.points.send(&header, points)?)
     }
 
-    /// Sends a frame as the pipeline does: its scan, its status, the points of its objects, its objects.
+    /// Sends a frame in the pipeline's order: its scan, its status, the points of its objects, its objects.
     pub(super) fn send(&mut self, frame: &Frame) -> anyhow::Result<()> {
         if let Some(points) = &frame.points {
             self.send_scan(points)?;
@@ -149,7 +149,7 @@ impl Player {
         Ok(self.shell.tick()?)
     }
 
-    /// Consumers on `points`, `objects` and `object_points`.
+    /// The number of consumers on `points`, `objects` and `object_points`.
     pub(super) fn consumers(&self) -> [usize; 3] {
         let (points, objects) = (self.points.consumers(), self.objects.consumers());
         [points, objects, self.object_points.consumers()]

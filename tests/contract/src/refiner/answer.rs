@@ -1,11 +1,11 @@
-//! Whether an answer keeps the contract.
+//! Checks whether an answer keeps the contract.
 
 use anyhow::{bail, ensure};
 use mluc_ipc_types::{DETECTIONS_MAX, Disposition, Flags, FrameHeader, Object, Stage};
 
 use crate::refiner::player::{Answer, Frame};
 
-/// What holds of every answer, whatever came in.
+/// Checks what holds for every answer, whatever the input was.
 pub(crate) fn check_form(frame: &Frame, answer: &Answer, classes: usize) -> anyhow::Result<()> {
     check_header(&frame.header, answer)?;
     let objects = Object::checked(&answer.header, &answer.objects, classes)?;
@@ -24,7 +24,7 @@ pub(crate) fn check_form(frame: &Frame, answer: &Answer, classes: usize) -> anyh
 
 type Field = fn(&FrameHeader) -> u64;
 
-/// Everything that a refiner passes on is as it came.
+/// A refiner must pass on these header fields unchanged.
 fn check_header(sent: &FrameHeader, answer: &Answer) -> anyhow::Result<()> {
     let got = &answer.header;
     got.checked()?;
@@ -61,7 +61,7 @@ fn check_header(sent: &FrameHeader, answer: &Answer) -> anyhow::Result<()> {
     let begun_ns = sent.stages[Stage::Head as usize].published_ns;
     let times_ns = [begun_ns, own.received_ns, own.started_ns, own.published_ns];
     let in_order = times_ns.is_sorted() && own.published_ns <= answer.received_ns;
-    // A frame whose head never ran has a stamp that means nothing.
+    // If the head never ran on a frame, its stamp means nothing.
     ensure!(
         in_order || begun_ns == u64::MAX,
         "header: the refiner's stamps {own:?} are not in order between {begun_ns} and {} (CLOCK_MONOTONIC, ns)",
@@ -70,7 +70,7 @@ fn check_header(sent: &FrameHeader, answer: &Answer) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What holds when all detections make sense: each has its object in its place, known ones unchanged.
+/// Checks what holds when all detections make sense: each has its object at its index, and known objects are unchanged.
 pub(crate) fn check_objects(frame: &Frame, answer: &Answer) -> anyhow::Result<()> {
     let expected = frame.detections.len().min(DETECTIONS_MAX);
     let found = answer.objects.len();
@@ -79,7 +79,7 @@ pub(crate) fn check_objects(frame: &Frame, answer: &Answer) -> anyhow::Result<()
         "{found} objects for {expected} detections: each has one, suppressed ones too"
     );
     for (index, (detection, object)) in frame.detections.iter().zip(&answer.objects).enumerate() {
-        // A candidate becomes an unknown object: the same number.
+        // A candidate becomes an unknown object; both have the same number.
         let pairs = [
             ("kind", detection.kind, object.kind),
             ("class", detection.class_id, object.class_id),

@@ -1,4 +1,4 @@
-//! The suite of the refiner: plays ingest, backbone and head over the same shared memory as the real stages, and looks at what comes back.
+//! The suite of the refiner: plays ingest, backbone and head over the same shared memory as the real stages, and checks the answers.
 
 mod answer;
 mod cases;
@@ -16,26 +16,28 @@ use player::Player;
 
 #[derive(Args, Clone, Debug)]
 pub(crate) struct RefinerArgs {
-    /// Only this mode of our own refiner.
-    #[arg(long, value_name = "MODE", conflicts_with = "command")]
-    refiner_mode: Option<String>,
+    /// Only this variant of our own refiner.
+    #[arg(long, value_name = "VARIANT", conflicts_with = "command")]
+    refiner_variant: Option<String>,
     #[command(flatten)]
     suite: SuiteArgs,
 }
 
 pub(crate) fn run(args: RefinerArgs) -> anyhow::Result<ExitCode> {
-    let programs = match &args.refiner_mode {
+    let programs = match &args.refiner_variant {
         _ if !args.suite.command.is_empty() => return run_command::<Player>(&args.suite),
-        Some(mode) => vec![own(&args, mode)],
-        None => Variant::ALL.map(|mode| own(&args, mode.name())).into(),
+        Some(variant) => vec![own(&args, variant)],
+        None => Variant::ALL
+            .map(|variant| own(&args, variant.name()))
+            .into(),
     };
     suite::run::<Player>(&args.suite, programs)
 }
 
-/// Title and command of our own refiner in a mode, as `mluc up` starts it.
-fn own(args: &RefinerArgs, mode: &str) -> (String, Vec<String>) {
+/// Title and command of our own refiner in a variant, as `mluc up` starts it.
+fn own(args: &RefinerArgs, variant: &str) -> (String, Vec<String>) {
     let model = ["--model", &args.suite.model];
-    let words = [["stage", "refiner"], model, ["--refiner-mode", mode]];
-    let title = format!("mluc stage refiner, mode {mode}");
+    let words = [["stage", "refiner"], model, ["--refiner-variant", variant]];
+    let title = format!("mluc stage refiner, variant {variant}");
     (title, supervised(words.as_flattened(), &[]))
 }

@@ -1,4 +1,4 @@
-//! Plays ingest, backbone and head, and reads what the refiner says.
+//! Plays ingest, backbone and head, and reads the refiner's messages.
 
 use anyhow::Context;
 use mluc_ipc_types::{
@@ -10,22 +10,22 @@ use mluc_runtime::{HealthWatch, Input, Instance, Output, Shell};
 use crate::suite::{begin_run, stamp};
 use crate::{program::Options, refiner::scene::usual};
 
-/// Room for messages that break the contract: longer than its bounds.
+/// Room for messages that break the contract because they are longer than its bounds.
 const TOO_MANY_DETECTIONS: usize = DETECTIONS_MAX + 88;
 const TOO_MANY_POINTS: usize = POINTS_MAX + 1000;
 
-/// A frame to be sent: its detections, and its points unless they shall be missing.
+/// A frame to be sent: its detections, and its points unless they must be missing.
 pub(crate) struct Frame {
-    /// Of the detections' message.
+    /// Header of the detections' message.
     pub(crate) header: FrameHeader,
-    /// Of the points' message; `None`: it is never sent.
+    /// Header of the points' message; `None`: the points are never sent.
     pub(crate) points_header: Option<FrameHeader>,
     pub(crate) points: Vec<Point>,
     pub(crate) detections: Vec<Detection>,
 }
 
 impl Frame {
-    /// Points that can be found for the detections.
+    /// Number of points that a refiner can find for the detections.
     pub(crate) fn points_found(&self) -> usize {
         let of = |header: FrameHeader| (header.run_id, header.sequence);
         let is_its_own = self.points_header.map(of) == Some(of(self.header));
@@ -33,7 +33,7 @@ impl Frame {
     }
 }
 
-/// What came back.
+/// The refiner's answer.
 pub(crate) struct Answer {
     pub(crate) header: FrameHeader,
     pub(crate) objects: Vec<Object>,
@@ -44,7 +44,7 @@ pub(crate) struct Answer {
 }
 
 impl Answer {
-    /// From the end of the detections' sending, ms.
+    /// Time since the detections were sent, ms.
     pub(crate) fn took_ms(&self, frame: &Frame) -> f64 {
         let begun_ns = frame.header.stages[Stage::Head as usize].published_ns;
         self.received_ns.saturating_sub(begun_ns) as f64 * 1e-6
@@ -53,7 +53,7 @@ impl Answer {
 
 /// The ports of the stages before and behind the refiner.
 pub(crate) struct Player {
-    // Ports go before the shell.
+    // Fields are dropped in order: the ports must be dropped before the shell.
     points: Output<Point>,
     detections: Output<Detection>,
     pub(crate) objects: Input<Object>,
@@ -88,14 +88,14 @@ impl Player {
         Ok(player)
     }
 
-    /// Describes a new run, whose sequences begin at 0; gives its id.
+    /// Describes a new run, whose sequences begin at 0; returns its id.
     pub(crate) fn begin_run(&mut self) -> anyhow::Result<u64> {
         self.next_sequence = 0;
         begin_run(&mut self.shell, &mut self.run)?;
         Ok(self.run.run_id)
     }
 
-    /// A frame with the next sequence and a header as the stages before leave it.
+    /// A frame with the next sequence and the header that the stages before the refiner produce.
     pub(crate) fn frame(&mut self, points: Vec<Point>, detections: Vec<Detection>) -> Frame {
         let sequence = self.next_sequence;
         self.next_sequence += 1;
@@ -117,7 +117,7 @@ impl Player {
         }
     }
 
-    /// The next frame, of the scene of most cases.
+    /// The next frame, with the scene of most cases.
     pub(crate) fn usual(&mut self) -> Frame {
         let (points, detections) = usual();
         self.frame(points, detections)
@@ -131,7 +131,7 @@ impl Player {
         Ok(())
     }
 
-    /// Sends the points, then the detections, whose header gets the stamps of the stages before.
+    /// Sends the points, then the detections, whose header gets the stamps of the earlier stages.
     pub(crate) fn send(&mut self, frame: &mut Frame) -> anyhow::Result<()> {
         self.send_points(frame)?;
         let header = &mut frame.header;
@@ -146,7 +146,7 @@ impl Player {
         Ok(loan.publish()?)
     }
 
-    /// The oldest answer that waits.
+    /// The oldest waiting answer.
     pub(crate) fn take_answer(&mut self) -> anyhow::Result<Option<Answer>> {
         let Some(message) = self.objects.oldest()? else {
             return Ok(None);
@@ -160,7 +160,7 @@ impl Player {
         }))
     }
 
-    /// The answer to a frame, if it waits; answers to earlier ones are passed over.
+    /// The answer to a frame, if it is waiting; answers to earlier frames are skipped.
     pub(crate) fn take_answer_to(&mut self, sequence: u64) -> anyhow::Result<Option<Answer>> {
         while let Some(answer) = self.take_answer()? {
             if answer.header.sequence == sequence {
@@ -175,15 +175,15 @@ impl Player {
         Ok(())
     }
 
-    /// When the refiner's last heartbeat came, 0: never (CLOCK_MONOTONIC, ns).
+    /// The time of the refiner's last heartbeat (CLOCK_MONOTONIC, ns); 0: none came.
     pub(crate) fn heard_ns(&mut self) -> anyhow::Result<u64> {
-        // A refiner that started meanwhile gets the description of the run.
+        // A refiner that has started meanwhile gets the description of the run.
         self.shell.tick()?;
         self.health.update().context("reading heartbeats")?;
         Ok(self.health.heard_ns(Stage::Refiner))
     }
 
-    /// Its last heartbeat, if it came after `since_ns`.
+    /// The refiner's last heartbeat, if it came after `since_ns`.
     pub(crate) fn health_since(&mut self, since_ns: u64) -> anyhow::Result<Option<Health>> {
         let is_fresh = self.heard_ns()? > since_ns;
         Ok(self.health.of(Stage::Refiner).filter(|_| is_fresh).copied())

@@ -1,4 +1,4 @@
-//! Synthetic scans: flat ground, boxes that stand on it, and what a head would say of them. No randomness but a fixed one.
+//! Synthetic scans: flat ground, boxes that stand on it, and a head's detections of them. Pseudo-random values are always the same.
 
 use mluc_ipc_types::{CLASSES_MAX, Detection, DetectionKind, GateKind, NO_PROBABILITY, Point};
 
@@ -29,7 +29,7 @@ impl Thing {
     }
 }
 
-/// Even numbers from 0 to 1 that never repeat.
+/// Evenly distributed numbers from 0 to 1 that never repeat.
 fn share(number: usize, step: f64) -> f32 {
     (number as f64 * step).fract() as f32
 }
@@ -72,7 +72,7 @@ pub(crate) fn blob(thing: &Thing, count: usize) -> Vec<Point> {
     (0..count).map(point).collect()
 }
 
-/// A box of the network that lies between the prototypes: shifted, and of a wrong class's size.
+/// A box of the network that lies between the prototypes: it is shifted and has the size of a wrong class.
 pub(crate) fn candidate(thing: &Thing, shift_m: [f32; 2]) -> Detection {
     let mut detection = known(thing);
     detection.kind = DetectionKind::Candidate as u32;
@@ -104,7 +104,7 @@ pub(crate) fn known(thing: &Thing) -> Detection {
     }
 }
 
-/// The scene of most cases: a car that is known, a golf cart that is not.
+/// The scene of most cases: a known car and an unknown golf cart.
 pub(crate) fn usual() -> (Vec<Point>, Vec<Detection>) {
     let detections = vec![known(&CAR), candidate(&CART, [0.4, -0.3])];
     (scan(&[CART, CAR], 20_000), detections)

@@ -1,4 +1,4 @@
-//! One program under test, and the ports around it.
+//! One program under test, and the ports that are connected to it.
 
 use std::time::Duration;
 
@@ -12,10 +12,10 @@ use crate::refiner::cases;
 use crate::refiner::player::{Answer, Frame, Player};
 use crate::suite::{self, Case, Suite};
 
-/// How often a wait looks around.
+/// Interval at which a wait checks its condition.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// How a program takes a frame that makes no sense: with objects, whose form was not looked at, or with `messages_refused` and the reason that it told.
+/// The reaction to a frame that makes no sense: objects, whose form is not checked yet, or a count in `messages_refused` with a reason.
 pub(crate) type Reaction = Result<Box<Answer>, String>;
 
 pub(crate) type Session = suite::Session<Player>;
@@ -52,7 +52,7 @@ impl Session {
         Ok(health)
     }
 
-    /// What `look` finds within the patience, while the program lives.
+    /// What `look` finds within the patience while the program lives.
     pub(crate) fn await_any<T>(
         &mut self,
         awaited: &str,
@@ -71,13 +71,13 @@ impl Session {
         found.map_err(|error| anyhow!("{error:#} (health: {heard})"))
     }
 
-    /// Takes the heartbeats that were sent before now; gives the time after which one is fresh.
+    /// Takes the heartbeats that were sent before now; returns the time after which a heartbeat is fresh.
     fn forget_heartbeats(&mut self) -> anyhow::Result<u64> {
         self.player.heard_ns()?;
         Ok(monotonic_ns())
     }
 
-    /// Waits for a heartbeat from now on that fulfils `wanted`; `what` names it.
+    /// Waits for a new heartbeat that fulfils `wanted`; `what` names it.
     pub(crate) fn await_health(
         &mut self,
         what: &str,
@@ -88,7 +88,7 @@ impl Session {
         self.await_any(what, heard)
     }
 
-    /// What its health says now: an older heartbeat may not yet count what happened before.
+    /// The current health: an older heartbeat may not yet count what has already happened.
     pub(crate) fn fresh_health(&mut self) -> anyhow::Result<Health> {
         self.await_health("heartbeat", |_| true)
     }
@@ -115,7 +115,7 @@ impl Session {
         Ok((frame, answer))
     }
 
-    /// The same after something else was sent, which an error tells.
+    /// Like `ask_usual`, after something else was sent; an error names it.
     pub(crate) fn ask_after(&mut self, what: &str) -> anyhow::Result<()> {
         let asked = self.ask_usual();
         asked.with_context(|| format!("the sound frame after: {what}"))?;
@@ -143,7 +143,7 @@ impl Session {
         reaction.with_context(|| what.to_string())
     }
 
-    /// A frame that must be refused, after which the next sound one is answered; gives the reason that was told.
+    /// Sends a frame that must be refused, after which the next sound one must be answered; returns the reported reason.
     pub(crate) fn must_refuse(&mut self, what: &str, mut frame: Frame) -> anyhow::Result<String> {
         let Err(reason) = self.provoke(what, &mut frame)? else {
             bail!("{what}: answered, it should be refused");

@@ -10,13 +10,13 @@ use super::Session;
 use crate::program::Program;
 use crate::suite::{Case, Outcome, wrong_instance};
 
-/// Scans that a case takes.
+/// The number of scans that a case takes.
 const SCANS: u64 = 5;
-/// While stages are missing.
+/// How long a case waits while stages are missing.
 const WAIT: Duration = Duration::from_secs(1);
 const HEARTBEATS: Duration = Duration::from_millis(2500);
 const GAP_MAX: Duration = Duration::from_secs(1);
-/// An input that is not at its end by then is a sensor's.
+/// An input that has not ended by then is treated as a sensor.
 const END_MAX: Duration = Duration::from_secs(60);
 
 pub(super) const CASES: &[Case<Session>] = &[

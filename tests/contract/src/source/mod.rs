@@ -1,4 +1,4 @@
-//! The suite of a source: plays the supervisor and the stages behind it over the same shared memory, and looks at the scans.
+//! The suite of a source: plays the supervisor and the later stages over the same shared memory, and checks the scans.
 
 mod cases;
 mod player;
@@ -22,7 +22,7 @@ impl Suite for Player {
         Player::new(instance, options)
     }
 
-    /// A new process in a new run, of which so far nothing was sent: inputs end.
+    /// Starts a new process in a new run that has sent nothing yet: inputs end.
     fn ready(session: &mut Session) -> Result<()> {
         session.tested.stop();
         session.player.begin_run()?;
@@ -58,7 +58,7 @@ impl Session {
         })
     }
 
-    /// The next scan, checked on its own.
+    /// The next scan, after a check of this scan alone.
     fn checked(&mut self, sequence: u64) -> Result<Scan> {
         let scan = self.next()?;
         let about = || format!("scan {}, awaited {sequence}", scan.header.sequence);
@@ -66,7 +66,7 @@ impl Session {
         Ok(scan)
     }
 
-    /// The next `count` scans from `first` on, checked; gives the last one.
+    /// Checks the next `count` scans from `first` on; returns the last one.
     fn checked_many(&mut self, first: u64, count: u64) -> Result<Scan> {
         let mut last = self.checked(first)?;
         for sequence in first + 1..first + count {

@@ -1,4 +1,4 @@
-//! Plays the supervisor, backbone, head and refiner, and reads what a source says.
+//! Plays the supervisor, backbone, head and refiner, and reads the source's messages.
 
 use std::time::Duration;
 
@@ -12,10 +12,10 @@ use mluc_runtime::{HealthWatch, Input, Instance, Output, RuntimeError, Shell, mo
 
 use crate::{program::Options, suite::begin_run};
 
-/// Between two messages of the status.
+/// Time between two status messages.
 const PERIOD_NS: u64 = 100_000_000;
 
-/// What the source sent.
+/// A scan that the source sent.
 pub(super) struct Scan {
     pub(super) header: FrameHeader,
     points: Vec<Point>,
@@ -23,7 +23,7 @@ pub(super) struct Scan {
 }
 
 impl Scan {
-    /// Whether it keeps the contract by itself.
+    /// Checks whether this scan alone keeps the contract.
     pub(super) fn check(&self, run: &RunDescription, sequence: u64) -> anyhow::Result<()> {
         let Scan { header, points, .. } = self;
         header.checked_in(run, sequence..sequence + 1)?;
@@ -74,16 +74,16 @@ fn beats(shell: &mut Shell, name: &'static str) -> Result<Output<Health>, Runtim
 }
 
 pub(crate) struct Player {
-    // Ports go before the shell.
+    // Fields are dropped in order: the ports must be dropped before the shell.
     points: Input<Point>,
     statuses: Output<Status>,
     pub(super) health: HealthWatch,
-    /// Backbone's, head's and refiner's heartbeats, and whether they are there.
+    /// Heartbeats of backbone, head and refiner, and whether these stages are present.
     beats: [Output<Health>; 3],
     pub(super) has_stages: bool,
     shell: Shell,
     pub(super) run: RunDescription,
-    /// What the supervisor has counted: scans that came.
+    /// The supervisor's count of scans that came.
     pub(super) sent: u64,
     /// Whether results come.
     pub(super) answers: bool,
@@ -120,7 +120,7 @@ impl Player {
         Ok(())
     }
 
-    /// What the played processes do all the time; takes 2 ms.
+    /// The continuous work of the played processes; takes 2 ms.
     pub(super) fn tick(&mut self) -> anyhow::Result<()> {
         self.shell.tick()?;
         self.health.update()?;
@@ -159,7 +159,7 @@ impl Player {
         Ok(())
     }
 
-    /// The oldest scan that waits.
+    /// The oldest waiting scan.
     pub(super) fn take(&mut self) -> anyhow::Result<Option<Scan>> {
         let Some(message) = self.points.oldest()? else {
             return Ok(None);

@@ -1,4 +1,4 @@
-//! What an adaptation is asked for, and how much of it fits the time: from a short probe of this machine.
+//! The request of an adaptation, and the amount of work that fits the time, from a short probe of this machine.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -14,55 +14,55 @@ use super::super::train::{commit, train};
 use super::super::{simulate::export_with_progress, terminal::print_err};
 use super::lower;
 
-/// Frames a step.
+/// Frames per step.
 const BATCH: usize = 4;
-/// How often a scan is trained on: a guess between few scenes and few sights of each.
+/// Number of times that a scan is trained on: a guess that balances few scenes against few repetitions.
 const PASSES: f64 = 3.0;
-/// Highest learning rate: a third of that of a fresh network, since the first weights are good. A guess.
+/// Highest learning rate: a third of a fresh network's, since the initial weights are good. A guess.
 const LEARNING_RATE: f64 = 0.001;
-/// Scans, of a sensor that sees all around, and steps of the probe.
+/// Number of full-circle scans, and number of steps, in the probe.
 const PROBE: (f64, u64) = (8.0, 3);
-/// Validation scans an hour, and their bounds.
+/// Validation scans per hour of the request, and their minimum and maximum.
 const VAL_SCANS: (f64, [f64; 2]) = (120.0, [12.0, 240.0]);
-/// Judging a validation scan before, after and in each precision takes as long as training on so many scans (a guess); other work, this share of the time.
+/// Evaluating a validation scan before, after and in each precision takes as long as training on this many scans (a guess), other work this share of the time.
 const JUDGE_SCANS: f64 = 2.5;
 const OTHER_SHARE: f64 = 0.08;
-/// Fewer scans of a sensor that sees all around teach nothing; the simulator writes no more than the most.
+/// Minimum number of full-circle scans for training, and maximum number that the simulator writes.
 const SCANS_MIN: f64 = 12.0;
 const SCANS_MAX: f64 = 1e6;
 
-/// What was asked for: a folder holds one.
+/// The request; a folder belongs to one request.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Request {
     pub(super) sensor: SensorProfile,
     /// Classes, lower case.
     pub(super) known: Vec<String>,
     pub(super) hours: f64,
-    /// Fingerprint of the first weights.
+    /// Fingerprint of the initial weights.
     pub(super) init: String,
-    /// Of the program: another one simulates other scans.
+    /// Version of the program: another version simulates other scans.
     pub(super) version: String,
 }
 
-/// What the probe measured, and what follows.
+/// Measurements of the probe, and the plan that follows from them.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Plan {
     pub(super) request: Request,
-    /// A scan on all threads, s: to simulate and to train on.
+    /// Time per scan on all threads, s: to simulate it and to train on it.
     pub(super) simulate_s: f64,
     pub(super) train_s: f64,
-    /// On disk, a scan.
+    /// Bytes on disk per scan.
     pub(super) scan_bytes: u64,
     pub(super) scans: u32,
     pub(super) val_scans: u32,
     pub(super) steps: u64,
-    /// Whether training multiplies in bf16: decided once, since a run goes on as it began.
+    /// Whether training multiplies in bf16: decided once, since a run continues as it started.
     #[serde(default)]
     pub(super) bf16: bool,
 }
 
 impl Request {
-    /// Scans of this sensor with these classes.
+    /// Options for simulating scans of this sensor with these classes.
     pub(super) fn export(&self, split: Split, scans: u32, folder: PathBuf) -> ExportOptions {
         let is_known = |class: &Class| self.known.contains(&lower(*class));
         ExportOptions {
@@ -74,13 +74,13 @@ impl Request {
         }
     }
 
-    /// Scans that show as much as these do all around, so that every class is seen; at most 64 (a guess).
+    /// Number of scans that show as much as `all` full-circle scans, so that every class is seen; at most 64 (a guess).
     fn scans(&self, all: f64) -> f64 {
         let width_deg = self.sensor.field_deg.map_or(360.0, |[_, width]| width);
         (all * 360.0 / f64::from(width_deg)).ceil().min(64.0)
     }
 
-    /// The training on from the first weights, which lie in `out`.
+    /// Settings of the training from the initial weights, which are in `out`.
     pub(super) fn settings(&self, data: &Path, run: &Path, out: &Path) -> TrainSettings {
         let options = ["--setting", "any", "--network", "mluc-full"];
         TrainSettings {
@@ -90,7 +90,7 @@ impl Request {
             learning_rate: LEARNING_RATE,
             commit: commit(),
             checkpoint_every: 50,
-            // Its model is judged here, once.
+            // Its model is evaluated here, once.
             validate_frames: 0,
             ..TrainSettings::of(&options, data, run)
         }
@@ -98,7 +98,7 @@ impl Request {
 }
 
 impl Plan {
-    /// The plan of the folder, or a new one; one of another request is refused. Says what it costs in all.
+    /// The plan in the folder, or a new one; a plan for another request is an error. Prints the total cost.
     pub(super) fn of(request: Request, init: &[u8], out: &Path) -> anyhow::Result<Plan> {
         let path = out.join("plan.json");
         let first = out.join("init.safetensors");
@@ -139,12 +139,12 @@ impl Plan {
         let files = std::fs::read_dir(train_folder.join("velodyne"))?;
         let files = files.flatten();
         let bytes: u64 = files.filter_map(|f| Some(f.metadata().ok()?.len())).sum();
-        // Of every point its instance too, 2 bytes beside 16.
+        // In addition the instance of every point, 2 bytes for 16.
         let scan_bytes = bytes / u64::from(scans) * 9 / 8;
         let mut settings = request.settings(&folder.join("scans"), &folder.join("run"), out);
         (settings.steps, settings.bf16) = (steps, TrainSettings::bf16_is_faster());
         train(&settings)?;
-        // Of the steps alone: what a run does once is a part of the other work.
+        // Time of the steps only: work that a run does once is included in the other work.
         let log = std::fs::read_to_string(settings.out.join("train.jsonl"))?;
         let line: serde_json::Value = serde_json::from_str(log.trim()).context("train.jsonl")?;
         let frames_per_s = line["frames_per_s"].as_f64().context("frames_per_s")?;
@@ -154,7 +154,7 @@ impl Plan {
         Ok(Plan::fitted(request, times_s, scan_bytes))
     }
 
-    /// As many scans as the time allows. A scan's time to simulate and to train on, and what the probe took, s.
+    /// Plans as many scans as the time allows. Times in s: to simulate a scan, to train on a scan, and of the probe.
     fn fitted(request: Request, [simulate_s, train_s, probe_s]: [f64; 3], scan_bytes: u64) -> Plan {
         let (an_hour, [fewest, most]) = VAL_SCANS;
         let val_scans = (request.hours * an_hour).clamp(fewest, most);
@@ -174,7 +174,7 @@ impl Plan {
         }
     }
 
-    /// Minutes of simulating, training, and judging.
+    /// Minutes of simulation, training and evaluation.
     fn minutes(&self) -> [f64; 3] {
         let (scans, val) = (f64::from(self.scans), f64::from(self.val_scans));
         let trained = self.steps as f64 * BATCH as f64;

@@ -1,4 +1,4 @@
-//! What an adaptation brought, for a person.
+//! The report of an adaptation, for a person.
 
 use mluc_evaluate::{ClassReport, pipeline::ModelJudgement, render};
 use mluc_model::Model;
@@ -7,19 +7,19 @@ use serde_json::json;
 
 use super::plan::Plan;
 
-/// What, labels that count, overlap, percent.
+/// Name, labels that count, overlap, percent.
 type Row = (String, usize, f64, f64);
 
-/// Figures of a model on the validation scans: volumes, moderate, AP over all points.
+/// Figures of a model on the validation scans: 3D boxes, moderate, AP over all points.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Figures {
-    /// Of the model file.
+    /// Fingerprint of the model file.
     pub(super) fingerprint: u64,
     rows: Vec<Row>,
 }
 
 impl Figures {
-    /// Each known class without the gate; then the unknown at the model's threshold.
+    /// Each known class without the gate, then the unknown at the model's threshold.
     pub(super) fn of(model: &Model, judgement: &ModelJudgement) -> Figures {
         let row = |name: &str, class: &ClassReport, percent: f64| {
             let (labels, iou_min) = (class.main().truth_count, class.rule.iou_min);
@@ -40,7 +40,7 @@ impl Figures {
     }
 }
 
-/// The report: what was made of what, and the figures before and after.
+/// The report: the inputs and the result, and the figures before and after.
 pub(super) fn markdown(
     plan: &Plan,
     model: &Model,

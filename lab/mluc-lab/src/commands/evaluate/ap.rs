@@ -67,7 +67,7 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
             "warning: no label of class {class} counts at moderate: its AP is 0 and means nothing"
         ));
     }
-    // The devkit's: a position of recall needs a found label of its own.
+    // As in the devkit: each recall position needs a separate found label.
     let few = |class: &&ClassReport| (1..41).contains(&class.main().truth_count);
     for class in report.classes.iter().filter(few) {
         let (class, count) = (&class.rule.name, class.main().truth_count);

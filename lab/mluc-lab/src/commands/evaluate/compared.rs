@@ -1,4 +1,4 @@
-//! What `evaluate ap` and `evaluate operating` share: detections, and the labels that they are held against.
+//! The common part of `evaluate ap` and `evaluate operating`: detections, and the labels that they are compared with.
 
 use super::unknown_labelled;
 use crate::commands::terminal::print_err;
@@ -29,7 +29,7 @@ pub(super) struct Compared {
 }
 
 impl Compared {
-    /// Reads everything, with these detections; warnings go to stderr.
+    /// Reads all sources, with these detections; warnings go to stderr.
     pub(super) fn read(
         &self,
         detections: &[PathBuf],
@@ -50,7 +50,7 @@ impl Compared {
         Ok((sources, input))
     }
 
-    /// How the classes are judged.
+    /// The evaluation rules of the classes.
     pub(super) fn rules(
         &self,
         input: &Input,

@@ -1,4 +1,4 @@
-//! `mluc-lab evaluate`: judging detections against labels.
+//! `mluc-lab evaluate`: evaluates detections against labels.
 
 mod ap;
 mod compared;
@@ -28,7 +28,7 @@ pub(crate) fn run(what: What) -> anyhow::Result<()> {
     }
 }
 
-/// Warns of labels that no rule judges and of a class that nobody has heard of: a detection of such an object counts as false.
+/// Warns of labels that no rule covers and whose class is not recognized: a detection of such an object counts as false.
 fn warn_unrecognized<'a>(labels: impl Iterator<Item = &'a Label>, rules: &[ClassRule]) {
     for class in unrecognized(labels, rules) {
         print_err(format_args!(
@@ -43,8 +43,8 @@ fn warn_unlabelled(option: &str, class: &str) {
     ));
 }
 
-/// The classes given with --unknown; `unseen` is those unseen classes of the simulator that are labelled. A class without labels is a warning, labels of none of them an
-/// error.
+/// The classes given with --unknown; `unseen` means the labelled ones of the simulator's unseen classes. A class without labels gives a warning;
+/// if no class has labels, that is an error.
 fn unknown_labelled<'a>(
     labels: impl Iterator<Item = &'a Label>,
     given: &[String],

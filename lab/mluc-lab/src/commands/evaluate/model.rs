@@ -1,9 +1,9 @@
 //! `mluc-lab evaluate model`: the whole pipeline over labelled scans.
 
 use super::{report::Outcome, unknown_labelled, warn_unrecognized};
-use crate::commands::terminal::{at_least_one, counted, one_of, print_out};
+use crate::commands::terminal::{counted, one_of, print_out};
 use anyhow::ensure;
-use clap::Args;
+use clap::{Args, builder::RangedU64ValueParser};
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{
     FrameSet, ModelGate, choose_profiles, choose_threshold, detect_frames, judge, read_parts,
@@ -28,7 +28,7 @@ pub(crate) struct ModelArguments {
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
     /// First so many frames.
-    #[arg(long, default_value_t = usize::MAX, hide_default_value = true, value_parser = at_least_one, value_name = "N")]
+    #[arg(long, default_value_t = usize::MAX, hide_default_value = true, value_parser = RangedU64ValueParser::<usize>::new().range(1..), value_name = "N")]
     frames: usize,
     /// Only the frames that ImageSets/SPLIT.txt names [default: all scans].
     #[arg(long)]
@@ -89,7 +89,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let set = FrameSet::open(&arguments.data, split, arguments.frames)?;
     let set = shard.map_or(set.clone(), |shard| set.shard(shard));
     let settings = Settings::of(arguments.refiner);
-    // Parts of two processors must not differ in it.
+    // The parts of two processors must have the same precision.
     let (precision, _) = arguments.precision.chosen(&model.manifest, &model.weights);
     let frames = if arguments.parts.is_empty() {
         let detect = |step: &(dyn Fn() + Sync)| detect_frames(precision, &model, &set, step);
@@ -106,7 +106,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let unknown = match arguments.unknown {
         Some(classes) => unknown_labelled(labels(), &classes)?,
         None => {
-            // An adapted model may know some of them, and not know what others know.
+            // An adapted model may know some of these classes, and lack some that other models know.
             let mut seen: BTreeSet<String> = model.manifest.class_names().into_iter().collect();
             let mut classes = unknown_classes(&model.manifest.name);
             if !classes.is_empty() {

@@ -1,4 +1,4 @@
-//! `mluc-lab evaluate operating`: how many objects a scan are false, and how many labels are found.
+//! `mluc-lab evaluate operating`: the false objects per scan, and the share of labels that are found.
 
 use super::{compared::Compared, warn_unlabelled, warn_unrecognized};
 use crate::commands::terminal::print_out;
@@ -37,7 +37,7 @@ pub(super) fn run(arguments: OperatingArguments) -> anyhow::Result<()> {
     }
     let operating = Operating::of(&input.frames, &input.counts, &rules);
     let tracks = Tracks::of(&input.frames, &input.counts, &rules);
-    // Each class that is merged into the unknown by itself, too: what lies on another of them is neither right nor wrong.
+    // Also each merged class alone: an object on a label of another merged class is then neither right nor wrong.
     let merged = rules.iter().filter(|rule| rule.valid.len() > 1);
     let class = |rule: &ClassRule, name: &String| ClassRule {
         name: name.clone(),

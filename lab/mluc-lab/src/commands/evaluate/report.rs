@@ -10,7 +10,7 @@ pub(super) struct Outcome {
     pub(super) data: String,
     pub(super) frames: usize,
     pub(super) judgement: ModelJudgement,
-    /// The closed set first.
+    /// The points of the sweep, closed set first.
     pub(super) sweep: Option<Vec<SweepPoint>>,
     pub(super) choice: Option<Choice>,
     pub(super) profiles: Option<ScoreChoice>,
@@ -70,7 +70,7 @@ impl Outcome {
         values["classes"] = classes.map(class).collect();
         let breakdowns = self.judgement.breakdowns.iter();
         values["breakdowns"] = breakdowns.map(Breakdown::to_table).collect();
-        // How well each score of a box tells unknown from known, and from background.
+        // How well each score of a box separates unknown from known, and from background.
         let scores = json!({"scores": values["separation"]});
         values["separation"] = render(include_str!("separation.txt"), scores).into();
         let choice = self.choice.as_ref();

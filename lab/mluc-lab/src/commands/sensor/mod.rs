@@ -1,4 +1,4 @@
-//! `mluc-lab sensor`: which sensor some scans are of, and what a profile looks like.
+//! `mluc-lab sensor`: estimates the sensor of some scans, and shows a profile.
 
 mod noise;
 mod picture;
@@ -43,9 +43,9 @@ pub(crate) struct SensorArguments {
     layout: LayoutArgs,
 }
 
-/// Scans whose noise is estimated.
+/// Number of scans for the noise estimate.
 const NOISE_SCANS: usize = 5;
-/// A live sensor is waited for so long.
+/// Maximum wait for a live sensor.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 pub(crate) fn run(arguments: SensorArguments) -> Result<()> {
@@ -56,7 +56,7 @@ pub(crate) fn run(arguments: SensorArguments) -> Result<()> {
     }
 }
 
-/// What a profile says, and its picture.
+/// Prints a profile, and draws its picture.
 fn show(profile: &SensorProfile, picture: Option<&Path>) -> Result<()> {
     let beams = profile.elevations_deg.len() * profile.units.len().max(1);
     let [near_m, far_m] = profile.range_m;
@@ -125,7 +125,7 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
         let mut profile = found.profile(&name, noise_m);
         profile.blind = estimator.blind();
         let text = toml::to_string(&profile)?;
-        // What cannot be read back must not be written.
+        // A profile that cannot be read back must not be written.
         SensorProfile::parse(&text, &path.display().to_string())?;
         write_out(path, text.as_bytes())?;
     }
@@ -136,7 +136,7 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
     Ok(())
 }
 
-/// The sensor to compare with: the given one, or the nearest product; beams at even distances where none are clear.
+/// The sensor to compare with: the given one, or the nearest product; evenly spaced beams where no beams are clear.
 fn other_sensor(given: Option<&str>, found: &SensorEstimate) -> Result<(String, SensorProfile)> {
     if let Some(name) = given {
         return Ok((name.to_string(), SensorProfile::load(name)?));
@@ -174,8 +174,8 @@ mod tests {
     #[test]
     fn a_made_up_sensor_comes_back_as_a_profile_and_a_picture() {
         let folder = tempfile::tempdir().expect("a folder");
-        // 16 beams 2 degrees apart over flat ground 1 m below, a wall 20 m around, a part of the robot to the left. The first scan is
-        // a part of a turn, and somebody passes by in the second one.
+        // 16 beams 2 degrees apart over flat ground 1 m below, a wall at 20 m all around, a part of the robot on the left. The first scan is
+        // a part of a turn, and a person passes in the second one.
         let ray = |n: usize, scan: usize| {
             let deg = 15.0 - 2.0 * (n % 16) as f32;
             let azimuth_deg = (n / 16) as f32 * 0.4;
@@ -185,11 +185,11 @@ mod tests {
             let is_robot = (80.0..100.0).contains(&azimuth_deg) && (0.0..top_deg).contains(&deg);
             let distance = match tan {
                 _ if is_robot => 1.0,
-                // The lowest beams end nearer than where a robot's own body is looked for.
+                // The lowest beams end closer than the range in which a robot's own body is searched.
                 ..-0.02 => 0.4 / -tan,
                 _ => 20.0,
             };
-            // Of 3 cm, evenly spread.
+            // Uniform noise with a deviation of 3 cm.
             let dice = (n as f32 * 12.9898).sin() * 43_758.547;
             let stray_m = 0.03 * 12.0_f32.sqrt() * (dice - dice.floor() - 0.5);
             let distance = distance + stray_m / tan.hypot(1.0);
@@ -236,12 +236,12 @@ mod tests {
             assert!(docs.join(format!("{name}.png")).is_file(), "{name}");
             let profile = SensorProfile::load(name).expect(name);
             assert!(!profile.source.is_empty(), "{name}");
-            // The farther car never has more rings than the nearer one, where beams are even.
+            // With even beams the farther car never has more rings than the nearer one.
             let rings = picture::rings_on_cars(&profile);
             assert!(rings[0] >= rings[4], "{name}: {rings:?}");
         }
         let vlp_16 = SensorProfile::load("vlp-16").expect("a product");
-        // Of the beams at -1, -3, .. degrees those from -10.2 to -1.7 at 10 m; one from -2.1 to -0.3 at 50 m.
+        // Of the beams at -1, -3, .. degrees, the ones from -10.2 to -1.7 at 10 m; one from -2.1 to -0.3 at 50 m.
         assert_eq!(picture::rings_on_cars(&vlp_16), [4, 3, 2, 1, 1]);
     }
 }

@@ -1,26 +1,26 @@
-//! How far a sensor's ranges stray: what is left of a beam's neighbouring returns when a parabola is laid through them.
+//! Range noise of a sensor: the residuals of a parabola fitted to neighbouring returns of a beam.
 
 use mluc_ingest::estimate::SensorEstimate;
 use mluc_ipc_types::Point;
 use nalgebra::{SMatrix, SVector};
 
-/// Neighbouring returns of one beam that one surface is laid through.
+/// Number of neighbouring returns of one beam in a fit.
 const WINDOW: usize = 8;
-/// Between two of them, degrees around, and between the highest and the lowest.
+/// Azimuth step between two of them, degrees; and the maximum difference of their elevations.
 const GAP_DEG: std::ops::Range<f32> = 0.02..1.0;
 const ONE_BEAM_DEG: f32 = 0.15;
-/// Where a beam has enough returns of one surface, m.
+/// Ranges where a beam has enough returns of one surface, m.
 const RANGES_M: std::ops::Range<f32> = 3.0..40.0;
-/// So few surfaces are smooth, and of their windows this one leaves so much of the noise (the chi distribution of the 5 numbers that 8 leave after 3).
+/// Share of the windows that count as smooth, and the share of the noise in their last window (chi distribution with 8 - 3 = 5 degrees of freedom).
 const SMOOTH_SHARE: f64 = 0.2;
 const LEFT_SHARE: f64 = 0.6845;
-/// Fewer windows tell nothing; a guess.
+/// Minimum number of windows for an estimate; a guess.
 const WINDOWS_MIN: usize = 300;
 
 /// Azimuth, elevation (degrees) and range (m) of a return.
 type Return = [f32; 3];
 
-/// Standard deviation of a range, m. Returns of one beam follow each other in the scan, or are sorted where its beams are clear; `None` where too few do.
+/// Standard deviation of a range, m. Returns of one beam are consecutive in the scan, or are sorted where its beams are clear; `None` with few windows.
 pub(super) fn range_noise_m(scans: &[Vec<Point>], found: &SensorEstimate) -> Option<f32> {
     let mut left_m: Vec<f64> = Vec::new();
     for points in scans {
@@ -35,7 +35,7 @@ pub(super) fn range_noise_m(scans: &[Vec<Point>], found: &SensorEstimate) -> Opt
             let beams = found.elevations_deg.windows(2);
             let middles: Vec<f32> = beams.map(|pair| (pair[0] + pair[1]) / 2.0).collect();
             let beam = |r: &Return| middles.partition_point(|middle| *middle > r[1]);
-            // By beam and by ten-thousandths of a degree.
+            // Sorted by beam and by ten-thousandths of a degree.
             returns.sort_by_cached_key(|r| (beam(r), (r[0] * 1e4) as i32));
         }
         left_m.extend(returns.as_chunks().0.iter().filter_map(left_over_m));
@@ -48,7 +48,7 @@ pub(super) fn range_noise_m(scans: &[Vec<Point>], found: &SensorEstimate) -> Opt
     Some((*left_m / LEFT_SHARE) as f32)
 }
 
-/// What a parabola through their ranges leaves, m, where the returns are neighbours on one beam.
+/// Residual of a parabola through their ranges, m; `None` where the returns are not neighbours on one beam.
 fn left_over_m(returns: &[Return; WINDOW]) -> Option<f64> {
     let steps = returns.windows(2).map(|pair| pair[1][0] - pair[0][0]);
     let turns_left = returns[1][0] > returns[0][0];

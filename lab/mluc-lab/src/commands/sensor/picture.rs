@@ -1,4 +1,4 @@
-//! Elevations of a sensor's beams: some scans' returns beside another sensor, or a profile and what it sees of cars.
+//! Picture of beam elevations: the returns of scans with another sensor's beams, or a profile with its rings on cars.
 
 use std::f32::consts::TAU;
 
@@ -11,7 +11,7 @@ const TEXT: Color = [168, 180, 196];
 const RETURNS: Color = [38, 130, 176];
 const BEAM: Color = [244, 196, 72];
 const OTHER: Color = [52, 176, 138];
-/// Picture and plot, px.
+/// Picture and plot sizes, px.
 const SIZE: [usize; 2] = [900, 760];
 const TOP: f32 = 72.0;
 const HEIGHT: f32 = 670.0;
@@ -19,13 +19,13 @@ const LEFT: f32 = 70.0;
 const RIGHT: f32 = 880.0;
 const HISTOGRAM: f32 = 480.0;
 const COLUMN: f32 = 120.0;
-/// Around the outermost elevation, degrees.
+/// Margin around the outermost elevation, degrees.
 const MARGIN_DEG: f32 = 2.0;
-/// The cars that a profile is shown with: how far away and how high, m.
+/// Cars that are drawn with a profile: distances and height, m.
 pub(super) const CARS_M: [f32; 5] = [10.0, 20.0, 30.0, 40.0, 50.0];
 const CAR_HEIGHT_M: f32 = 1.5;
 const CAR_WIDTH_M: f32 = 1.8;
-/// Where a profile names no height, m.
+/// Height for a profile without one, m.
 const SENSOR_HEIGHT_M: f32 = 1.8;
 
 /// A picture with an axis of elevations.
@@ -36,7 +36,7 @@ struct Plot {
 }
 
 impl Plot {
-    /// Covers these elevations; `titles` stand above each other and are made smaller where they would be cut.
+    /// Covers these elevations; `titles` are lines one below another, in a smaller font where they would be cut off.
     fn new(ends_deg: impl Iterator<Item = f32> + Clone, titles: [(String, Color); 3]) -> Plot {
         let mut plot = Plot {
             canvas: Canvas::new(SIZE[0], SIZE[1], GROUND),
@@ -73,7 +73,7 @@ impl Plot {
         }
     }
 
-    /// A tenth of a turn of lines that wave.
+    /// A tenth of a turn of waving lines.
     fn waves(&mut self, wave: Wave, profile: &SensorProfile) {
         let lines = profile.elevations_deg.len() as f32;
         for (number, &middle_deg) in profile.elevations_deg.iter().enumerate() {
@@ -92,7 +92,7 @@ impl Plot {
     }
 }
 
-/// Left the returns by elevation and the beams found in them, right the other sensor's.
+/// On the left the returns by elevation and the beams found in them, on the right the other sensor's beams.
 pub(super) fn of_scans(
     counts: &[u32],
     found: &SensorEstimate,
@@ -104,7 +104,7 @@ pub(super) fn of_scans(
     let titles = [(scans, RETURNS), (beams, BEAM), (name.to_owned(), OTHER)];
     let ends = other.elevations_deg.iter().chain(&found.vertical_field_deg);
     let mut plot = Plot::new(ends.copied(), titles);
-    // Returns of a row of pixels, by their square root: thin beams stay visible.
+    // Number of returns in a row of pixels; their square root is drawn, so that beams with few returns stay visible.
     let mut rows = [0u32; SIZE[1]];
     for (bin, count) in counts.iter().enumerate() {
         let y = plot.y(bin_deg(bin));
@@ -131,7 +131,7 @@ fn car_deg(profile: &SensorProfile, away_m: f32) -> [f32; 2] {
     [0.0, CAR_HEIGHT_M].map(|top_m| ((top_m - sensor_m) / away_m).atan().to_degrees())
 }
 
-/// Beams that a level sensor has on a car at each of [`CARS_M`]; of lines that wave, how often they cross it.
+/// Number of beams of a level sensor on a car at each of [`CARS_M`]; for waving lines the number of crossings.
 pub(super) fn rings_on_cars(profile: &SensorProfile) -> [usize; 5] {
     let units = profile.units.len().max(1);
     CARS_M.map(|away_m| {

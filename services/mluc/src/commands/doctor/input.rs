@@ -1,4 +1,4 @@
-//! `mluc doctor --input`: what sensor the scans are of, and whether the model takes them.
+//! `mluc doctor --input`: which sensor the scans are from, and whether the model takes them.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -10,13 +10,13 @@ use mluc_ipc_types::{Flags, POINTS_MAX, Point};
 use super::{Failure, Finding, Fine, Warning};
 use mluc_sources::{Next, Open, Scan, files::Layout, idle_options};
 
-/// Scans that are looked at, spread over the input.
+/// Number of scans that are examined, spread over the input.
 const SCANS: u64 = 20;
 
-/// A live sensor is waited for so long.
+/// How long to wait for a live sensor.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Looks at some scans.
+/// Examines some scans.
 pub(super) fn findings(
     input: &Path,
     layout: &Layout,
@@ -40,10 +40,10 @@ pub(super) fn findings(
         if next != Next::Scan {
             break;
         }
-        // The largest count first: a file beyond the limit is cut, as ingest cuts it.
+        // The count is determined first: points beyond the limit are cut off, as ingest does.
         let kept = inspect_bin(&scan.bytes).points_out as usize;
         let report = decode_bin(&scan.bytes, &mut points[..kept]);
-        // The first turn of a capture or a live sensor is a part.
+        // The first revolution of a capture or a live sensor is incomplete.
         let may_be_part = number == 0 && source.count().is_none();
         let is_part = may_be_part && scan.flags == Flags::DAMAGED_INPUT;
         if kept == 0 || (scan.flags != Flags::default() && !is_part) {
@@ -154,7 +154,7 @@ fn about_model(expected: &Expected) -> String {
     )
 }
 
-/// The command for these scans: `up` takes what doctor was given.
+/// The command for these scans: `mluc up` with the arguments that doctor was given.
 fn command(found: &SensorEstimate, expected: &Expected) -> String {
     let names = found.product().map(|near| near.names).unwrap_or_default();
     let sensor = match (expected.sensor(), &names[..]) {

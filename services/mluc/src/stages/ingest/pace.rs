@@ -8,7 +8,7 @@ use mluc_runtime::{ClaimNote, RuntimeError, monotonic_ns, wall_clock_ns};
 use super::sender::Sender;
 use crate::{settings::Settings, supervisor::ROLE};
 
-/// Without stamps.
+/// Frames per second of an input without stamps.
 const RATE_HZ: f64 = 10.0;
 /// Silence after which a frame is sent again.
 const ANSWER_PATIENCE_NS: u64 = 10_000_000_000;
@@ -19,19 +19,19 @@ const LAST_FRAME_NS: u64 = 5_000_000_000;
 pub(super) const POLL_INTERVAL: Duration = Duration::from_millis(20);
 const TAKEN_POLL_INTERVAL: Duration = Duration::from_micros(200);
 
-/// At the sensor's rate, whether or not the stages behind keep up.
+/// Sends frames at the sensor's rate, whether or not the later stages keep up.
 pub(crate) fn sensor(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Result<()> {
     let mut begun_ns = monotonic_ns();
     let end_ns = end_ns(sender, settings, first)?;
     let (mut last, mut first_ns) = (None, 0);
     for sequence in first.. {
-        // The file is read before its time: a disk is no sensor.
+        // The file is read before its frame is due, so that reading it does not delay the frame.
         if !sender.load(sequence, end_ns)? {
             break;
         }
         let offset_ns = offset_ns(sender.loaded.scan.offset_ns, settings, sequence);
         if sequence == first {
-            // A capture takes its time to the frame that a restarted ingest begins with.
+            // A capture takes time to reach the frame that a restarted ingest begins with: the clock starts after that.
             (first_ns, begun_ns) = (offset_ns, monotonic_ns());
         }
         let mut due_ns = begun_ns + offset_ns.saturating_sub(first_ns);
@@ -53,7 +53,7 @@ pub(crate) fn sensor(sender: &mut Sender, settings: &Settings, first: u64) -> an
     Ok(())
 }
 
-/// When a frame is due after the source's first one, ns: by its stamps, or at a rate.
+/// When a frame is due after the source's first one, ns: from the stamps, or from a rate.
 fn offset_ns(stamped_ns: Option<u64>, settings: &Settings, sequence: u64) -> u64 {
     match (stamped_ns, settings.rate_hz) {
         (Some(offset_ns), None) => offset_ns,
@@ -61,7 +61,7 @@ fn offset_ns(stamped_ns: Option<u64>, settings: &Settings, sequence: u64) -> u64
     }
 }
 
-/// What an earlier life of this process took counts.
+/// When the input's time ends, ns. Time that this stage spent before a restart counts.
 fn end_ns(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Result<u64> {
     let Some(seconds) = settings.seconds else {
         return Ok(u64::MAX);
@@ -72,10 +72,10 @@ fn end_ns(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Resul
     Ok((monotonic_ns() + (seconds * 1e9) as u64).saturating_sub(spent_ns))
 }
 
-/// False: asked to end.
+/// Sleeps until a frame is due. False: asked to end.
 fn sleep_until(sender: &mut Sender, due_ns: u64) -> Result<bool, RuntimeError> {
     loop {
-        // Taken only to keep the queue from looking like a gap at the end.
+        // Objects are taken only so that a full queue does not look like a gap at the end.
         sender.objects.newest()?;
         let now_ns = monotonic_ns();
         if sender.shell.is_stopping() {
@@ -91,7 +91,7 @@ fn sleep_until(sender: &mut Sender, due_ns: u64) -> Result<bool, RuntimeError> {
 
 pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Result<()> {
     let end_ns = end_ns(sender, settings, first)?;
-    // A part has every so-maniest scan.
+    // With `parts` parts, one part has every `parts`-th scan.
     let parts = settings.layout.shard.map_or(1, |[_, parts]| parts);
     sender.step_ns = Some(offset_ns(None, settings, parts.into()));
     for sequence in first.. {
@@ -106,7 +106,7 @@ pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> 
             }
             if attempt > 0 {
                 tracing::warn!(sequence, attempt, "frame sent again");
-                // It may have been set aside.
+                // The scan may have been set aside since.
                 sender.load(sequence, end_ns)?;
             }
             sender.send(sequence, attempt, monotonic_ns())?;
@@ -130,7 +130,7 @@ pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> 
     Ok(())
 }
 
-/// Waits until the supervisor, if there is one, has taken the objects too: its queue is short, and the next frame may take no time.
+/// Waits until the supervisor, if there is one, has taken the objects too: its queue is short, and the next frame may come out at once.
 fn await_supervisor(sender: &mut Sender, sequence: u64) -> anyhow::Result<()> {
     let deadline_ns = monotonic_ns() + ANSWER_PATIENCE_NS;
     let is_waiting = |sender: &Sender| {
@@ -144,7 +144,7 @@ fn await_supervisor(sender: &mut Sender, sequence: u64) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Waits for the objects of a frame; false: the patience ended, a stage behind was restarted, or asked to end.
+/// Waits for the objects of a frame. False: `patience_ns` is over, a later stage was restarted, or this process was asked to end.
 fn await_objects(sender: &mut Sender, sequence: u64, patience_ns: u64) -> anyhow::Result<bool> {
     let deadline_ns = monotonic_ns() + patience_ns;
     sender.downstream.watch.update()?;

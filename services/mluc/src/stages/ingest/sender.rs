@@ -1,4 +1,4 @@
-//! Reading one scan and publishing it, and whether the stages behind ingest take frames: what is sent before is lost.
+//! Reads a scan and publishes it, and checks whether the later stages take frames: a frame that is sent before is lost.
 
 use std::panic::resume_unwind;
 use std::time::{Duration, Instant};
@@ -17,9 +17,9 @@ use mluc_sources::{Next, Scan, Source};
 
 use crate::stages::models::Models;
 
-/// Between two heartbeats while a file is read.
+/// Time between two heartbeats while a file is read.
 const READING_TICK: Duration = Duration::from_millis(50);
-/// A file that is not read within this time is not waited for.
+/// If reading a file takes longer than this, heartbeats stop, and the watchdog ends this process.
 const READING_MAX: Duration = Duration::from_secs(5);
 
 /// A scan read from its file, not yet in shared memory.
@@ -38,12 +38,12 @@ pub(crate) struct Sender<'a> {
     pub(crate) downstream: DownstreamStages,
     output: Output<Point>,
     suspicion: Suspicion,
-    /// The last scan once more, for a look after it was sent.
+    /// A copy of the last scan, which is checked after it was sent.
     again: Vec<Point>,
     pub(crate) loaded: Loaded,
-    /// Of the last frame that was sent.
+    /// The run of the last frame that was sent.
     run_id: Option<u64>,
-    /// Between scans without stamps, ns, where they are read at no sensor's pace.
+    /// At pace `complete`: time between two scans without stamps, ns.
     pub(crate) step_ns: Option<u64>,
 }
 
@@ -64,7 +64,7 @@ impl Sender<'_> {
         let make =
             move |model: &Model| Ok(Guard::new(Expected::new(&model.manifest, sensor.clone())));
         let guards = Models::new(shell, model, make(model)?, make);
-        // Frames that an earlier life of this process sent.
+        // Frames that this stage sent before a restart.
         shell.health.frames_in = start_sequence;
         shell.health.frames_out = start_sequence;
         Ok(Sender {
@@ -86,7 +86,7 @@ impl Sender<'_> {
         })
     }
 
-    /// Waits until all stages behind take frames; false: asked to end.
+    /// Waits until all later stages take frames; false: asked to end.
     pub(crate) fn wait_until_ready(&mut self) -> Result<bool, RuntimeError> {
         let begun = Instant::now();
         let mut said = String::new();
@@ -109,7 +109,7 @@ impl Sender<'_> {
         Ok(false)
     }
 
-    /// Waits until the supervisor takes more; false: asked to end.
+    /// Waits until the supervisor takes more frames; false: asked to end.
     pub(crate) fn wait_while_held(&mut self) -> Result<bool, RuntimeError> {
         while !self.shell.is_stopping() && self.suspicion.guards.control.look().holds {
             let reason = "waiting for the reader of the lines";
@@ -120,8 +120,8 @@ impl Sender<'_> {
         Ok(!self.shell.is_stopping())
     }
 
-    /// Reads the scan of `sequence` from its source, unless it is the one read last; one that was set aside is not read. Waits for a live sensor. False: there is none,
-    /// asked to end, or `end_ns` has passed.
+    /// Reads the scan of `sequence` from its source, unless it is the one read last; a scan that was set aside is not read. Waits for a
+    /// live sensor. False: there is no such scan, this process was asked to end, or `end_ns` has passed.
     pub(crate) fn load(&mut self, sequence: u64, end_ns: u64) -> anyhow::Result<bool> {
         let set_aside = &self.suspicion.guards.control.look().set_aside;
         let is_set_aside = set_aside.contains(&self.source.index(sequence));
@@ -171,7 +171,7 @@ impl Sender<'_> {
         }
     }
 
-    /// A file is read beside the heartbeats: a slow disk is no stage that hangs.
+    /// Reads a file in a thread while heartbeats are sent, so that a slow disk does not look like a stage that hangs.
     fn read(&mut self, sequence: u64, is_set_aside: bool) -> anyhow::Result<Next> {
         let (source, scan) = (&mut self.source, &mut self.loaded.scan);
         if is_set_aside {
@@ -194,7 +194,7 @@ impl Sender<'_> {
                     tracing::warn!("{reason}");
                     self.shell.state(HealthState::Degraded, &reason)?;
                 }
-                // Then it hangs, and the watchdog ends it.
+                // After this time heartbeats stop, and the watchdog ends this process.
                 if begun.elapsed() < READING_MAX {
                     self.shell.tick()?;
                 }
@@ -203,7 +203,7 @@ impl Sender<'_> {
         })
     }
 
-    /// Publishes the scan that is loaded as `sequence`. `due_ns`: when the scan was due or asked for, on the monotonic clock.
+    /// Publishes the scan that is loaded as `sequence`. `due_ns`: when the scan was due or requested, on the monotonic clock.
     pub(crate) fn send(&mut self, sequence: u64, attempt: u32, due_ns: u64) -> anyhow::Result<()> {
         let started_ns = monotonic_ns();
         self.shell.note_frame(Some(sequence));
@@ -231,10 +231,10 @@ impl Sender<'_> {
         self.suspicion.guards.of_frame(&header)?;
         let mut loan = self.output.loan(&header, report.points_out as usize)?;
         decode_bin(&scan.bytes, loan.elements_mut());
-        // A frame that is sent again is no new scan. A look takes some ms: but for the first ones it waits until the frame is sent.
+        // A frame that is sent again is not checked again. A check takes some ms: except for the first scans, it follows the sending.
         let looks_later = attempt == 0 && self.suspicion.guards.made.looks_later();
         let is_loop = self.source.count() == Some(1);
-        // The first turn of a capture or a live sensor is a part: it would be told as a sensor that is covered.
+        // The first revolution of a capture or a live sensor is incomplete: it would be reported as a covered sensor.
         let is_part = last_run.is_none() && scan.flags.contains(Flags::DAMAGED_INPUT);
         if attempt == 0 && !looks_later && !is_part {
             let points = loan.elements_mut();
@@ -246,7 +246,7 @@ impl Sender<'_> {
         self.shell.health.bytes_written = (report.points_out as usize * size_of::<Point>()) as u32;
         self.shell.health.mappings_verified = self.objects.mappings_verified();
         if attempt > 0 {
-            // The same frame once more.
+            // The same frame is counted once.
             self.shell.health.frames_out -= 1;
         }
         count_frame(self.shell, Stage::Ingest, &header);
@@ -261,19 +261,19 @@ impl Sender<'_> {
     }
 }
 
-/// What the guard says.
+/// The result of the guard's checks of the input.
 struct Suspicion {
     guards: Models<Guard>,
-    /// Of the frames that follow.
+    /// The flags of the frames that follow.
     suspected: Flags,
-    /// The first reason of these; empty: none.
+    /// The first reason for these flags; empty: none.
     reason: String,
-    /// Sensors, of several, that give nothing; empty: none.
+    /// Those of several sensors that give nothing; empty: none.
     missing: String,
 }
 
 impl Suspicion {
-    /// Holds a scan against what is expected; logs what the scan before did not show. `is_loop`: one scan again and again is meant.
+    /// Compares a scan with what is expected; logs reasons that the scan before did not have. `is_loop`: one scan is repeated on purpose.
     fn judge(&mut self, points: &[Point], report: &DecodeReport, is_loop: bool) {
         let reasons = self.guards.made.check(points, report).iter();
         let reasons = reasons.filter(|reason| !is_loop || reason.flag() != Flags::SUSPECT_FROZEN);
@@ -292,7 +292,7 @@ impl Suspicion {
         }
     }
 
-    /// The state that follows from it.
+    /// Sets the state that follows from these fields.
     fn tell(&self, shell: &mut Shell) -> Result<(), RuntimeError> {
         if !self.missing.is_empty() {
             let reason = format!("no scans of lidar{}", self.missing);
@@ -308,17 +308,17 @@ impl Suspicion {
 /// The stages that a frame still has to pass.
 const BEHIND: [Stage; 3] = [Stage::Backbone, Stage::Head, Stage::Refiner];
 
-/// A stage of ours is heard within this time of opening its topics.
+/// A stage of ours sends a heartbeat within this time after it opens its topics.
 const HEARTBEAT_PATIENCE_NS: u64 = 500_000_000;
 
 pub(crate) struct DownstreamStages {
     pub(crate) watch: HealthWatch,
-    /// Since when `objects` has a producer that tells no health.
+    /// Since when `objects` has a producer that sends no heartbeats.
     silent_since_ns: Option<u64>,
 }
 
 impl DownstreamStages {
-    /// Those that are not ready. A refiner that tells no health (somebody else's program) counts as ready when it has opened `objects` and kept silent.
+    /// The stages that are not ready. A refiner that sends no heartbeats (a foreign program) counts as ready some time after it opens `objects`.
     pub(crate) fn missing(&mut self, objects: &Input<Object>) -> Vec<&'static str> {
         let is_silent = self.watch.of(Stage::Refiner).is_none() && objects.producers() > 0;
         let now_ns = monotonic_ns();
@@ -333,7 +333,7 @@ impl DownstreamStages {
         missing.map(Stage::name).collect()
     }
 
-    /// Processes of the stages; 0: not heard of.
+    /// Process ids of the stages; 0: no heartbeat yet.
     pub(crate) fn pids(&self) -> [u32; 3] {
         BEHIND.map(|stage| self.watch.of(stage).map_or(0, |health| health.pid))
     }

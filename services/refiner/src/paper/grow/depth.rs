@@ -1,9 +1,9 @@
 //! Algorithm 1 with the sign of depth clustering (Bogoslavskyi and Stachniss, 2016), on a range image.
 //!
-//! A neighbour joins when the angle is *above* 10 degrees: the surface goes on. Neighbours are the eight directions of a range image, with a few empty pixels
-//! passed over, because missing returns split dark cars. Row: the nearest of the model's beams; column: azimuth over the sensor's step; the nearest return wins
-//! its pixel, and returns just behind it go where it goes. Pixels of the ground stop a direction. Without a beam table, neighbours are found by a distance that
-//! grows with range.
+//! A neighbour joins when the angle is *above* 10 degrees: the surface continues. Neighbours lie in the eight directions of a range image; a few
+//! empty pixels are skipped, because missing returns split dark cars. Row: the nearest of the model's beams; column: azimuth divided by the sensor's
+//! step. The nearest return represents its pixel, and returns just behind it join with it. Pixels of the ground stop a direction. Without a beam
+//! table, neighbours are found within a distance that grows with range.
 
 use mluc_model::Beams;
 
@@ -11,16 +11,16 @@ use super::{Grower, Growth};
 use crate::{paper::angle::is_above, paper::buckets::Buckets, paper::neighbourhood::Neighbourhood};
 
 const EMPTY: u32 = u32::MAX;
-/// Joined when the angle is above, degrees. On real scans 10 keeps 94 % of the pairs on one object and joins 1 % across a
-/// border; 25 is the complement of the printed 65.
+/// Points are joined when the angle is above this, degrees. On real scans 10 keeps 94 % of the pairs on one object and joins
+/// 1 % across a border; 25 is the complement of the printed 65.
 const ANGLE_MIN_DEG: f64 = 10.0;
-/// Empty pixels passed over in each direction of the range image: missing returns split cars otherwise.
+/// Number of empty pixels that are skipped in each direction of the range image: otherwise missing returns split cars.
 const GAP_PIXELS: isize = 2;
-/// Without a beam table, neighbours lie closer than this, m,
+/// Without a beam table, neighbours are closer than this, m, plus an increase with range.
 const FALLBACK_M: f32 = 0.3;
-/// and so much more per m of range.
+/// The increase of this distance, m per m of range.
 const FALLBACK_PER_RANGE: f32 = 0.01;
-/// A return at most this far behind its pixel's nearest one belongs with it, m: two beams of the sensor can fall into one row of the model's table.
+/// Returns of one pixel belong together if their ranges differ by at most this, m: two beams can fall into one row of the model's table.
 const SAME_PIXEL_M: f32 = 0.5;
 
 /// Depth clustering grown from a seed.
@@ -40,14 +40,14 @@ struct Image {
     /// Point of each pixel, row by row; emptied after use.
     pixels: Vec<u32>,
     pixel_of: Vec<u32>,
-    /// The point that follows in the same pixel.
+    /// The next point in the same pixel.
     next_in_pixel: Vec<u32>,
     range_m: Vec<f32>,
     is_joined: Vec<bool>,
 }
 
 impl Depth {
-    /// For the model's beams.
+    /// A grower for the model's beams; `None`: neighbours are found by distance.
     pub fn new(beams: Option<&Beams>) -> Depth {
         Depth {
             image: beams.map(Image::new),
@@ -86,7 +86,7 @@ impl Image {
         }
     }
 
-    /// Puts every point into its pixel; each pixel's points form a list by range.
+    /// Puts every point into its pixel; each pixel's points form a list, the nearest first.
     fn draw(&mut self, around: &Neighbourhood) {
         self.pixel_of.clear();
         self.range_m.clear();
@@ -105,7 +105,7 @@ impl Image {
         }
     }
 
-    /// The nearest return comes first, the others behind it in any order: one step, however many share the pixel.
+    /// Inserts a point: the nearest return is first, the others follow in any order. One step, for any number of points in the pixel.
     fn insert(&mut self, around: &Neighbourhood, pixel: usize, point: usize) {
         let head = self.pixels[pixel];
         let key = |i: usize| (self.range_m[i], around.x_m[i], around.y_m[i]);
@@ -146,7 +146,7 @@ impl Image {
         }
     }
 
-    /// The point, and those of its pixel at about its range.
+    /// Joins the point, and the points of its pixel at about its range.
     fn join(&mut self, growth: &Growth, point: u32, members: &mut Vec<u32>) {
         let range = self.range_m[point as usize];
         self.is_joined[point as usize] = true;
@@ -163,7 +163,7 @@ impl Image {
         }
     }
 
-    /// The nearest return of the first pixel in a direction that is not empty, passing over a few that are.
+    /// The nearest return of the first pixel in a direction that is not empty; skips a few empty pixels.
     fn neighbour(&self, t: usize, (dr, dc): (isize, isize)) -> Option<u32> {
         let pixel = self.pixel_of[t] as usize;
         let (row, column) = (pixel / self.columns, pixel % self.columns);
@@ -182,7 +182,7 @@ impl Image {
     }
 }
 
-/// The eight neighbours of a pixel: rows and columns.
+/// The steps in rows and columns to the eight neighbours of a pixel.
 fn directions() -> impl Iterator<Item = (isize, isize)> {
     let all = (-1..=1).flat_map(|row| (-1..=1).map(move |column| (row, column)));
     all.filter(|&direction| direction != (0, 0))

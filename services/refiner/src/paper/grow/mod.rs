@@ -1,6 +1,6 @@
 //! How a cluster grows from a seed: one trait, one small file for each algorithm.
 //!
-//! [`Printed`] is the paper's, [`Depth`] the corrected one.
+//! [`Printed`] is the paper's algorithm, [`Depth`] the corrected one.
 
 mod depth;
 mod printed;
@@ -10,12 +10,12 @@ pub use printed::Printed;
 
 use crate::{paper::buckets::Buckets, paper::neighbourhood::Neighbourhood};
 
-/// What a cluster grows in.
+/// The input from which a cluster grows.
 #[derive(Clone, Copy, Debug)]
 pub struct Growth<'a> {
     /// All points that may join.
     pub around: &'a Neighbourhood,
-    /// The point that it grows from.
+    /// The point from which it grows.
     pub seed: usize,
     /// Points lower than this above the ground are ground, m.
     pub height_min_m: f64,
@@ -23,7 +23,7 @@ pub struct Growth<'a> {
 
 /// Grows the cluster of one candidate.
 pub trait Grower: std::fmt::Debug + Send {
-    /// The points that belong with the seed, in any order, each once. Empties `members` first.
+    /// Sets `members` to the points that belong with the seed, in any order, each once.
     fn grow(&mut self, growth: &Growth, members: &mut Vec<u32>);
 }
 
@@ -44,8 +44,8 @@ impl Growth<'_> {
         dx * dx + dy * dy + dz * dz
     }
 
-    /// Region growing: each point looks at those within its own reach, at most `reach_max_m`, that none looked at before,
-    /// and `joins` says which of them join it.
+    /// Region growing: each member tests the points within its own reach (at most `reach_max_m`, m) that no member has
+    /// tested before; `joins` decides which of them join.
     fn over_neighbours(
         &self,
         buckets: &mut Buckets,

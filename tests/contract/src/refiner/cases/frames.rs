@@ -1,4 +1,4 @@
-//! Frames as they may come from sound stages.
+//! Frames that sound stages may send.
 
 use anyhow::ensure;
 use mluc_ipc_types::{CandidateCounts, DETECTIONS_MAX, Detection, Flags, POINTS_MAX, Point};
@@ -21,7 +21,7 @@ pub(super) fn scene(session: &mut Session) -> Outcome {
     ))
 }
 
-/// Whoever counts candidates counts right; zeros are fine.
+/// A program that counts candidates must count correctly; zeros are allowed.
 fn check_counts(
     before: CandidateCounts,
     answer: &Answer,
@@ -61,7 +61,7 @@ pub(super) fn empty(session: &mut Session) -> Outcome {
     Ok("5 frames answered".to_string())
 }
 
-/// Slowest answer of frames, ms.
+/// The slowest answer to the frames, ms.
 fn slowest(session: &mut Session, frames: [(Vec<Point>, Vec<Detection>); 3]) -> Outcome {
     let mut slowest_ms = 0.0f64;
     for (points, detections) in frames {
@@ -118,7 +118,7 @@ pub(super) fn points_gone(session: &mut Session) -> Outcome {
     }
     let mut never_sent = session.player.usual();
     never_sent.points_header = None;
-    // The later scan first: ingest has sent more than the frame without points.
+    // The frame with a later scan comes first, so that ingest has sent a later scan when the frame without points comes.
     for mut frame in [of_another, never_sent] {
         let answer = session.ask(&mut frame)?;
         for flag in [Flags::POINTS_GONE, Flags::DEGRADED] {

@@ -1,4 +1,4 @@
-//! What no sound stage sends.
+//! Frames that no sound stage sends.
 
 use anyhow::{Context, ensure};
 use mluc_geometry::Random;
@@ -11,7 +11,7 @@ use crate::{refiner::answer::is_flagged, refiner::session::Session, suite::fill}
 
 const NOISY_FRAMES: u64 = 8;
 
-/// Provokes, and sees that a sound frame is answered afterwards; gives whether the frame itself was answered.
+/// Sends a bad frame and checks that a sound frame is answered afterwards; returns whether the bad frame itself was answered.
 fn survives(
     session: &mut Session,
     what: &str,
@@ -32,7 +32,7 @@ fn survives(
     Ok(reaction.is_ok())
 }
 
-/// Of frames that the program survived, whether each was answered.
+/// Counts which of the frames that the program survived were answered.
 fn summary(was_answered: &[bool]) -> Outcome {
     let count = was_answered.len();
     let answered = was_answered.iter().filter(|is| **is).count();
@@ -110,7 +110,7 @@ pub(super) fn numbers(session: &mut Session) -> Outcome {
     summary(&answered)
 }
 
-/// Everything but version, run, sequence and model is nonsense: it is passed on as it came.
+/// Everything but version, run, sequence and model is nonsense and must be passed on unchanged.
 fn spoil_header(frame: &mut Frame) {
     let header = &mut frame.header;
     header.flags = u32::MAX;

@@ -1,4 +1,4 @@
-//! Start, silence, death, end, and more frames than it can take.
+//! Start, silence, death, end, and more frames than the program can take.
 
 use std::time::{Duration, Instant};
 
@@ -11,7 +11,7 @@ use super::Outcome;
 use crate::refiner::session::{Session, describe};
 use crate::{refiner::player::Player, refiner::scene::usual};
 
-/// Longest time between two heartbeats of a program that waits; five times the usual.
+/// Longest time between two heartbeats of a program that waits: five times the usual time.
 const HEARTBEAT_MAX: Duration = Duration::from_millis(500);
 /// Longer than every topic's deadline.
 const SILENCE: Duration = Duration::from_millis(2500);
@@ -21,7 +21,7 @@ const KILLS: usize = 3;
 const HELD: usize = 10;
 /// Frames sent as fast as the suite can.
 const BURST: usize = 60;
-/// A topic's queue, and one frame in work.
+/// A topic's queue, and one frame in progress.
 const ANSWERS_MAX: usize = 3;
 
 pub(super) fn start(session: &mut Session) -> Outcome {
@@ -75,7 +75,7 @@ pub(super) fn restart(session: &mut Session) -> Outcome {
     for kill in 0..KILLS {
         let mut frame = session.player.usual();
         session.player.send(&mut frame)?;
-        // In the middle of its work, more or less.
+        // Roughly in the middle of its work.
         std::thread::sleep(Duration::from_micros(300 * kill as u64));
         session.tested.program()?.kill();
         let begun = Instant::now();
@@ -91,7 +91,7 @@ pub(super) fn restart(session: &mut Session) -> Outcome {
 }
 
 pub(super) fn overload(session: &mut Session) -> Outcome {
-    // A first frame, so that gaps can be counted from it.
+    // A first frame, from which gaps can be counted.
     session.ask_usual()?;
 
     let before = session.fresh_health()?;
@@ -115,7 +115,7 @@ pub(super) fn overload(session: &mut Session) -> Outcome {
     Ok(format!("held: {held}; burst: {burst}"))
 }
 
-/// Sends frames; gives the sequences that were answered meanwhile.
+/// Sends frames; returns the sequences that were answered meanwhile.
 fn flood(session: &mut Session, count: usize, pause: Duration) -> anyhow::Result<Vec<u64>> {
     let player = &mut session.player;
     let (points, detections) = usual();
@@ -129,8 +129,8 @@ fn flood(session: &mut Session, count: usize, pause: Duration) -> anyhow::Result
     Ok(answered)
 }
 
-/// Waits for the answer to the newest of `count` frames, and until its health counts each as published or dropped; gives how
-/// many were published. An answer that its successors pushed out before this process took it is one of them.
+/// Waits for the answer to the newest of `count` frames, and until the program's health counts each as published or dropped. Returns
+/// how many were published. This includes answers that later ones pushed out before this process took them.
 fn count_answers(
     session: &mut Session,
     count: usize,

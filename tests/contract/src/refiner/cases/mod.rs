@@ -8,7 +8,7 @@ mod runs;
 use crate::refiner::session::Session;
 pub(crate) use crate::suite::{Case, Outcome};
 
-/// In the order they run.
+/// The cases in the order in which they run.
 pub(crate) const CASES: &[Case<Session>] = &[
     ("start", life::start),
     ("scene", frames::scene),

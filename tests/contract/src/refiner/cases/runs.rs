@@ -1,4 +1,4 @@
-//! Which run a frame belongs to, which sequences that run may have; a side that was built with another contract, or runs another model.
+//! Runs of frames, valid sequences in a run, and a side that was built with another contract or runs another model.
 
 use anyhow::{Context, ensure};
 use mluc_ipc_types::{Flags, Health, WIRE_VERSION};
@@ -7,7 +7,7 @@ use super::Outcome;
 use crate::suite::{names_both, wrong_instance};
 use crate::{refiner::answer::is_flagged, refiner::session::Session};
 
-/// Another run than any of the suite's, whose ids are random.
+/// A run that differs from all runs of the suite, whose ids are random.
 const OTHER_RUN: u64 = 1;
 
 pub(super) fn sequences(session: &mut Session) -> Outcome {
@@ -22,7 +22,7 @@ pub(super) fn sequences(session: &mut Session) -> Outcome {
     ];
     for (what, sequence) in hostile {
         let mut frame = session.player.usual();
-        // Its points come under the number that is theirs.
+        // Its points keep their own sequence.
         frame.header.sequence = sequence;
         session.must_refuse(what, frame)?;
     }
@@ -36,7 +36,7 @@ pub(super) fn other_run(session: &mut Session) -> Outcome {
     let mut frame = session.player.usual();
     frame.header.run_id = OTHER_RUN;
     session.must_refuse("a frame of another run", frame)?;
-    // Points of another run under the sequence of a frame of this one, which sent its own later.
+    // Points of another run have the sequence of a frame of this run; the points of this run's next frame are sent first.
     let mut frame = session.player.usual();
     let header = frame.points_header.as_mut().context("points")?;
     header.run_id = OTHER_RUN;
