@@ -11,7 +11,6 @@ use serde_json::{Value, json};
 /// Instruction sets that the kernels choose by.
 const EXTENSIONS: &str =
     "avx2 fma avx_vnni avx512f avx512_bf16 avx512_vnni amx_bf16 amx_int8 asimd asimddp bf16";
-/// Bytes per MiB.
 const MIB: u64 = 1 << 20;
 /// Folders and files from which the program `mluc` is built.
 const SOURCES: &str = "ipc-types geometry kernels model services weights Cargo.toml";

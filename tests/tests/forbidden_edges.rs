@@ -9,7 +9,6 @@ use serde::Deserialize;
 const CONTRACT: &str = "mluc-ipc-types";
 const SHARED_MEMORY: &str = "iceoryx2";
 
-/// Names by package.
 type Names = BTreeMap<String, BTreeSet<String>>;
 
 /// The rules of `forbidden_edges.toml`.

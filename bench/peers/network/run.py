@@ -66,7 +66,7 @@ class Ours:
 
     def milliseconds(self, points):
         """The median of a few frames."""
-        command = self.command + ["--rounds", str(2 * TURN), "--json", "--scan", points]
+        command = self.command + ["--rounds", str(2 * TURN), "--scan", points]
         answer = json.loads(subprocess.check_output(command))
         return [answer["ms_p50"][self.part]]
 

@@ -14,7 +14,6 @@ use crate::report::{FrameRecord, HOPS, STAGES, comparison_table, report_of};
 
 struct Side {
     name: String,
-    /// The program `mluc`.
     program: PathBuf,
     refiner: Option<String>,
     frames: Vec<FrameRecord>,

@@ -102,7 +102,6 @@ impl Measured {
         }
     }
 
-    /// The whole report.
     fn report(&self, plan: &Plan, quiet: &Quiet) -> Result<Value> {
         let mut report = report_of(&self.frames);
         report["title"] = plan.title().into();

@@ -22,7 +22,6 @@ use mluc_runtime::log_to_stderr;
 use arguments::{Cli, Command};
 use plan::Plan;
 
-/// The whole program.
 pub(crate) fn program() -> ExitCode {
     mluc::exit_code("mluc-bench", run(Cli::parse()))
 }

@@ -11,7 +11,6 @@ use super::{GroundPlane, Lowest};
 const SPACING_M: f32 = 4.0;
 /// Distance from the sensor to the outermost nodes along x and y, m.
 pub const GROUND_HALF_M: f32 = 56.0;
-/// Nodes along a side.
 const SIDE: usize = (2.0 * GROUND_HALF_M / SPACING_M) as usize + 1;
 /// Nodes of the grid.
 pub const GROUND_NODES: usize = SIDE * SIDE;

@@ -196,7 +196,7 @@ fn provenance(options: &Options) -> Value {
     );
     let draws = draws.unwrap_or(0) as u64;
     json!({
-        "commit": options.commit, "command": options.command(), "size": options.size().name(),
+        "commit": options.commit, "command": options.command(), "size": options.size(),
         "bootstrap": [draws, BOOTSTRAP_SEED], "threads": rayon::current_num_threads(), "training": training,
     })
 }

@@ -16,7 +16,6 @@ pub(crate) struct Evaluated {
     pub(crate) key: String,
     pub(crate) network: String,
     pub(crate) seed: u64,
-    /// The chosen threshold.
     pub(crate) threshold: f64,
     /// Figures at the chosen threshold.
     pub(crate) figures: OpenSetFigures,

@@ -26,7 +26,7 @@ pub use run::run;
 pub use train::{RunState, run_state};
 
 use layout::Layout;
-use setting::{Setting, Size};
+use setting::Setting;
 
 /// Result of a step.
 pub(crate) type Result<T, E = mluc_evaluate::EvaluateError> = std::result::Result<T, E>;

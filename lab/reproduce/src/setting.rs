@@ -35,17 +35,6 @@ impl Setting {
     }
 }
 
-/// Size of the plan.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Size {
-    /// Meaningful figures: hours on two cores.
-    Full,
-    /// The whole process in twelve minutes on two cores; the figures mean little.
-    Quick,
-    /// The whole process in a minute, for tests; the figures mean nothing.
-    Smoke,
-}
-
 /// Frames and steps of a plan, for one setting.
 #[derive(Clone, Copy, Debug, Deserialize)]
 pub(crate) struct Sizes {
@@ -70,17 +59,12 @@ pub(crate) struct Sizes {
     pub(crate) resamples: usize,
 }
 
-impl Size {
-    /// Name on the command line and in the report.
-    pub(crate) fn name(self) -> &'static str {
-        ["full", "quick", "smoke"][self as usize]
-    }
-
-    /// The table in `sizes.json`, which the documentation quotes.
-    pub(crate) fn sizes(self, setting: Setting) -> Sizes {
+impl Sizes {
+    /// From the table in `sizes.json`, which the documentation quotes.
+    pub(crate) fn of(size: &str, setting: Setting) -> Sizes {
         let table = include_str!("sizes.json");
         let table: BTreeMap<String, BTreeMap<String, Sizes>> =
             serde_json::from_str(table).expect("the table of sizes");
-        table[self.name()][setting.trainer_name()]
+        table[size][setting.trainer_name()]
     }
 }

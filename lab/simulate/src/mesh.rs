@@ -27,7 +27,6 @@ const fn surface(rho: f32, kind: Kind) -> Surface {
     Surface { rho, kind }
 }
 
-/// A solid surface.
 pub(crate) const fn solid(rho: f32) -> Surface {
     surface(rho, Kind::Solid)
 }
@@ -37,7 +36,6 @@ pub(crate) const fn porous(rho: f32, passes: f32) -> Surface {
     surface(rho, Kind::Porous(passes))
 }
 
-/// Window glass.
 pub(crate) const GLASS: Surface = surface(0.2, Kind::Glass);
 /// Tyres.
 pub(crate) const RUBBER: Surface = solid(0.07);
@@ -249,7 +247,6 @@ impl Mesh {
         self.surfaces.extend_from_slice(&other.surfaces);
     }
 
-    /// Moves every vertex.
     pub(crate) fn map(&mut self, place: impl Fn(V3) -> V3) {
         for p in &mut self.vertices {
             *p = place(*p);

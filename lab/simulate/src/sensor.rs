@@ -11,7 +11,6 @@ use mluc_geometry::Box3;
 use mluc_model::{BlindSector, SensorProfile, SensorUnit};
 use std::f32::consts::TAU;
 
-/// Beams of the HDL-64E.
 const BEAMS: usize = 64;
 /// Columns of a full turn of the HDL-64E at 10 Hz.
 const COLUMNS: usize = 2083;

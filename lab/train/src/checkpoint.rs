@@ -71,8 +71,16 @@ pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bo
     };
     let found = text("settings");
     if found != fingerprint {
-        let expected = format!("a run with '{fingerprint}'");
-        return Err(wrong(path, expected, format!("'{found}'")));
+        let only = |text: &str, other: &str| {
+            let words = text.split(", ").filter(|word| !other.contains(word));
+            words.collect::<Vec<_>>().join(", ")
+        };
+        let expected = format!("a run with '{}'", only(fingerprint, found));
+        return Err(wrong(
+            path,
+            expected,
+            format!("'{}'", only(found, fingerprint)),
+        ));
     }
     let mut restored = state.clone();
     let adam = &mut restored.adam;

@@ -84,14 +84,6 @@ impl Setting {
         }
     }
 
-    /// The unknown classes, which only the supervised upper bound learns.
-    pub fn unknown_classes(self) -> [&'static str; 2] {
-        match self {
-            Setting::Udi => ["golf_cart", "forklift"],
-            Setting::Kitti | Setting::Any => ["van", "truck"],
-        }
-    }
-
     /// Wanted number of objects of a class in a frame after pasting: a choice.
     pub(crate) fn objects_wanted(self, class: &str) -> usize {
         match (self, class) {

@@ -184,7 +184,6 @@ pub(crate) fn backward_all(
     gradient
 }
 
-/// `to += from`.
 pub(crate) fn add(to: &mut [f32], from: &[f32]) {
     to.iter_mut().zip(from).for_each(|(t, f)| *t += f);
 }

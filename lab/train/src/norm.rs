@@ -10,7 +10,6 @@ use rayon::prelude::*;
 /// Batch norm's epsilon in every layer (the public SECOND configurations).
 pub const EPSILON: f32 = 1e-3;
 
-/// Rows per task.
 const CHUNK_ROWS: usize = 512;
 /// Maximum number of parts of a sum.
 const PARTS_MAX: usize = 32;

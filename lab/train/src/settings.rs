@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, builder::RangedU64ValueParser};
 use mluc_dataset::{KITTI_CLASSES, SIMULATED_CLASSES};
-use mluc_evaluate::pipeline::folder_tail;
+use mluc_evaluate::pipeline::{folder_tail, unknown_classes};
 use mluc_kernels::Level;
 use mluc_model::{AnchorClass, Beams, Manifest, Network, Takes};
 
@@ -96,7 +96,7 @@ impl TrainSettings {
             return self.known.len();
         }
         let is_supervised = self.kind == NetworkKind::Supervised;
-        let unknown = self.setting.unknown_classes().len();
+        let unknown = unknown_classes(self.setting.name()).len();
         self.setting.classes() + usize::from(is_supervised) * unknown
     }
 
@@ -156,9 +156,9 @@ impl TrainSettings {
         let mut manifest = Manifest::untrained(self.setting.name(), self.network());
         manifest.classes.truncate(self.setting.classes());
         let like = manifest.classes[0].clone();
-        let unknown = self.setting.unknown_classes().into_iter();
+        let unknown = unknown_classes(self.setting.name()).into_iter();
         let unknown = unknown.map(|name| AnchorClass {
-            name: name.into(),
+            name,
             matched_iou: 0.5,
             unmatched_iou: 0.35,
             ..like.clone()

@@ -26,7 +26,6 @@ const CELLS_A_TASK: usize = 2048;
 /// Shape, scale and empty response of a map's rows.
 #[derive(Clone, Debug)]
 pub(crate) struct MapRows {
-    /// Rows (y), columns (x).
     pub(crate) shape: [usize; 2],
     pub(crate) scale: QuantScale,
     /// The row of an empty scene far from the border, as exact numbers.

@@ -7,7 +7,6 @@
 pub(crate) struct Candidate {
     /// Sigmoid of the logit.
     pub(crate) objectness: f32,
-    /// Feature row.
     pub(crate) row: u32,
     /// Anchor of that row's cell.
     pub(crate) anchor: u32,

@@ -4,9 +4,8 @@ use mluc_geometry::Box3;
 use mluc_kernels::Gather;
 use mluc_model::{HeadKind, Manifest};
 
-use crate::candidates::Candidate;
 use crate::decode::{Anchors, BOX_CODES};
-use crate::vote::Votes;
+use crate::{candidates::Candidate, vote::Votes};
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory {

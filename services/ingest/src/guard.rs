@@ -289,7 +289,8 @@ impl Expected {
         let [top, bottom] = sensor.vertical_field_deg();
         // For merged sensors, the profile has the elevations of one sensor only. Levelled points also have other elevations.
         let levelled_deg = sensor.pitch_deg.hypot(sensor.roll_deg) - found.tilt_deg();
-        if !sensor.units.is_empty() || levelled_deg > FIELD_OFF_DEG {
+        let is_levelled = found.height_m.is_some() && levelled_deg > FIELD_OFF_DEG;
+        if !sensor.units.is_empty() || is_levelled {
             return;
         }
         if let Some(step_deg) = found.azimuth_step_deg {

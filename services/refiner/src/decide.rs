@@ -84,7 +84,6 @@ impl UnknownScorer {
         self.is_ours && self.tells_unknown
     }
 
-    /// Whether clusters are scored.
     pub(crate) fn reads_clusters(&self) -> bool {
         self.cluster.is_some()
     }

@@ -82,7 +82,6 @@ impl FrameIndex {
         }
     }
 
-    /// All points.
     pub(crate) fn points(&self) -> &[IndexedPoint] {
         &self.slots
     }
@@ -103,7 +102,6 @@ impl FrameIndex {
         })
     }
 
-    /// The tiles with points.
     pub(crate) fn occupied_tiles(&self) -> impl Iterator<Item = usize> {
         let ends = self.tile_first.windows(2).enumerate();
         ends.filter_map(|(tile, ends)| (ends[0] < ends[1]).then_some(tile))

@@ -101,7 +101,7 @@ pub struct Settings {
     /// Join distance at the sensor, m, above 0 to 100. Tuned on simulated validation scans, as the next two.
     #[default(0.4)]
     pub join_m: f64,
-    /// Join distance, m per m of range, 0 to 1: the gap between beams and columns grows with range. For 64 beams.
+    /// Join distance, m per m of range, 0 to 1, for the rays of an HDL-64E: the gap between them grows with range. Other rays scale it.
     #[default(0.0175)]
     pub join_per_range: f64,
     /// Longest join distance, m, above 0 to 100.

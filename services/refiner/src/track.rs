@@ -86,7 +86,6 @@ struct Sighting {
 struct Track {
     id: u32,
     first: u64,
-    /// Sightings, the newest first.
     seen: [Sighting; FRAMES_MAX],
     /// Number of sightings in the window.
     count: usize,

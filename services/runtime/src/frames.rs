@@ -29,7 +29,6 @@ impl<T: Payload> Frames<T> {
         })
     }
 
-    /// The topic's name.
     pub(crate) fn name(&self) -> &str {
         self.input.name()
     }

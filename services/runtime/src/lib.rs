@@ -48,7 +48,6 @@ pub use signals::{Shutdown, reload_flag};
 pub use stage::{Algorithm, StageError, count_frame, finish, run_stage, stamp_published};
 pub use status::StatusWatch;
 
-/// iceoryx2 between processes.
 pub(crate) type Ipc = iceoryx2::service::ipc::Service;
 
 /// An element that can lie in shared memory.

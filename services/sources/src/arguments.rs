@@ -5,8 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use crate::files::Layout;
-use crate::shard::shard;
+use crate::{files::Layout, shard::shard};
 
 /// The heading of the input's options in the help.
 pub const INPUT: &str = "Input";

@@ -127,7 +127,6 @@ impl Drop for Live {
     }
 }
 
-/// State of the thread.
 struct Listener {
     receiver: Receiver,
     layout: Layout,

@@ -114,7 +114,9 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
             let info = session.info();
             let mut reached = info.peers_zid().wait().chain(info.routers_zid().wait());
             if reached.next().is_none() {
-                tracing::warn!("connected to nobody: is somebody there, and the locator right?");
+                tracing::warn!(
+                    "connected to nobody yet: with --connect, is somebody there, and is the locator right?"
+                );
             }
             is_alone = false;
         }

@@ -1,8 +1,7 @@
-//! Time of the network on real scans: `network --profile compact --precision bf16 --threads 2 --scan FILE --json`.
+//! Time of the network on real scans: `network --profile compact --precision bf16 --threads 2 --scan FILE`.
 //!
 //! `compact` has the weights of the shipped `kitti` model, `second` has weights by formula (none are trained). int8 measures
-//! missing ranges on the mirrored scans (left to right). With `--json`: one object per run, milliseconds by part. Without it: a
-//! table of every step. Frames run as on the vehicle; the backbone reports when a step is done.
+//! missing ranges on the mirrored scans (left to right). Prints one JSON object: milliseconds by part and by step. Frames run as on the vehicle; the backbone reports when a step is done.
 
 mod measure;
 mod report;
@@ -42,9 +41,6 @@ struct Arguments {
     /// Time the refiner too, with so many candidates, at the boxes that were found and around them; it is not in the total.
     #[arg(long)]
     candidates: Option<usize>,
-    /// One JSON object on stdout.
-    #[arg(long)]
-    json: bool,
 }
 
 fn precision(word: &str) -> Result<Precision, String> {
@@ -81,11 +77,7 @@ fn main() -> Result<()> {
             measured.with_context(|| scan.display().to_string())
         })
     })?;
-    if arguments.json {
-        println!("{}", record.json());
-    } else {
-        record.print();
-    }
+    println!("{:#}", record.json());
     Ok(())
 }
 

@@ -1,4 +1,4 @@
-//! What was measured, as a table or as JSON.
+//! What was measured, as JSON.
 
 use std::time::Instant;
 
@@ -75,7 +75,9 @@ impl Record {
             "frames": self.frames.len(),
             "steps": self.steps().map(|(place, name)| json!({
                 "step": name,
+                "ms_min": rounded(self.quantile(0.0, |frame| frame.steps[place].ms)),
                 "ms_p50": rounded(self.quantile(0.5, |frame| frame.steps[place].ms)),
+                "ms_p99": rounded(self.quantile(0.99, |frame| frame.steps[place].ms)),
                 "cpu_ms_p50": rounded(self.quantile(0.5, |frame| frame.steps[place].cpu_ms)),
             })).collect::<Vec<_>>(),
             "first_ms": rounded(self.first_ms.iter().copied().fold(0.0, f64::max)),
@@ -93,30 +95,13 @@ impl Record {
         quantile_of(self.frames.iter().map(value).collect(), q).unwrap_or(0.0)
     }
 
-    /// Prints one line per step, over all frames of all scans.
-    pub(crate) fn print(&self) {
-        println!("{:24}   min ms   p50 ms   p99 ms", "step");
-        for (place, name) in self.steps() {
-            self.print_line(name, |frame| frame.steps[place].ms);
-        }
-        self.print_line("TOTAL", |frame| frame.total_ms);
-        let first: Vec<_> = self.first_ms.iter().map(|ms| format!("{ms:.2}")).collect();
-        println!("first frame              {}", first.join(" "));
-    }
-
     /// Index and name of each step, the same in every frame.
     fn steps(&self) -> impl Iterator<Item = (usize, &str)> {
         let steps = self.frames.first().map_or(&[][..], |frame| &frame.steps);
         steps.iter().map(|step| step.name.as_str()).enumerate()
     }
-
-    fn print_line(&self, name: &str, value: impl Fn(&Frame) -> f64 + Copy) {
-        let [min, p50, p99] = [0.0, 0.5, 0.99].map(|q| self.quantile(q, value));
-        println!("{name:24} {min:8.2} {p50:8.2} {p99:8.2}");
-    }
 }
 
-/// Rounds to four decimals.
 fn rounded(value: f64) -> Value {
     json!((value * 1e4).round() / 1e4)
 }

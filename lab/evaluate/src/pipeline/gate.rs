@@ -117,7 +117,6 @@ impl ModelGate {
         })
     }
 
-    /// A model's own threshold.
     pub(super) fn threshold(self, thresholds: &Thresholds) -> f32 {
         match self {
             ModelGate::Eds => thresholds.eds_normalised_max,

@@ -1,11 +1,10 @@
 //! The open-set figures: for the whole data set and parts of it, at many thresholds of the gate, and the choice of a threshold.
 
-use crate::sweep::quantile_grid;
 use crate::{
     ClassRule, FrameTruth, JudgedFrames, JudgedPoint, LabelledFrame, ObjectKind, SensorDetection,
     SweepPoint, UnknownProtocol, best_index, evaluate, honest,
 };
-use crate::{open_set::unknown_as_known, pipeline::ModelGate};
+use crate::{open_set::unknown_as_known, pipeline::ModelGate, sweep::quantile_grid};
 use mluc_dataset::Label;
 use mluc_geometry::{Box3, Calibration, ImageSize};
 

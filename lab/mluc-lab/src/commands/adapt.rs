@@ -1,6 +1,7 @@
 //! `mluc-lab adapt`: weights for one sensor and the classes that its user knows, from the shipped weights. Each step stores its result
 //! in the folder; a restarted command continues after the last finished step.
 
+mod mean;
 mod plan;
 mod report;
 
@@ -169,12 +170,17 @@ impl Adaptation<'_> {
         print_err("step 4 of 4: int8 ranges, scores, figures");
         let (trained, path) = (self.run_folder().join("model.safetensors"), self.model());
         let (scans, mut train) = (self.scans(Split::Train), Model::read(&trained)?);
+        let first = Model::read(&self.out.join("init.safetensors"))?;
+        if mean::move_half_way(&mut train, &first) {
+            train.manifest.provenance.data += "; mean with the first weights";
+        }
         let sensor = &self.plan.request.sensor;
         // A model's sensor height is at least 0.1 m.
         let height_m = sensor.height_m.map(|height_m| height_m.max(0.1));
         train.manifest.sensor_height_m = height_m.unwrap_or(train.manifest.sensor_height_m);
         let dataset = Dataset::open(&scans)?;
         let (mut manifest, weights) = quantized(&train, &dataset, &scans, RANGE_FRAMES)?;
+        train.manifest.empty_objectness_max = manifest.empty_objectness_max;
         let (set, frames, judgement) = self.judge(&train)?;
         manifest.provenance.threshold_choice = "one half: more likely unknown than known".into();
         let beams = sensor.elevations_deg.len() as f32;

@@ -127,19 +127,6 @@ fn what_lies_outside_the_image_is_dropped_where_there_is_one() {
 }
 
 #[test]
-fn folders_with_the_same_frame_names_are_pooled() {
-    let folder = Folder::new();
-    folder.scene("a", CAMERA, 30);
-    folder.scene("b", NO_CAMERA, 20);
-    let both = folder.json(&ap("a b", OPEN_SET));
-    assert_eq!(figure(&both, CAR, "ap_r40"), 100.0);
-    // Thirty labels alone cannot reach AP 100 at 40 positions.
-    let one = folder.json(&ap("a", OPEN_SET));
-    assert!(figure(&one, CAR, "ap_r40") < 80.0);
-    assert_eq!(figure(&one, CAR, "ap_all"), 100.0);
-}
-
-#[test]
 fn frames_without_detections_count_and_are_warned_about() {
     let folder = Folder::new();
     folder.scene("a", NO_CAMERA, 2);

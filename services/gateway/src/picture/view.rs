@@ -71,7 +71,6 @@ pub(super) fn color_of(drawn: &DrawnBox) -> Color {
     label_color(if is_unknown { "unknown" } else { &drawn.label })
 }
 
-/// Background.
 pub(super) const NIGHT: Color = [11, 15, 22];
 pub(super) const RING: Color = [58, 70, 88];
 pub(super) const CAPTION: Color = [168, 180, 196];

@@ -61,7 +61,6 @@ impl Directions {
         }
     }
 
-    /// Ends the scan.
     pub(super) fn end_scan(&mut self) {
         for (sector, found) in self.scan.iter_mut().enumerate() {
             let (returns, near, top_deg) = std::mem::replace(found, NOTHING);

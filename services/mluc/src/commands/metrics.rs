@@ -27,7 +27,6 @@ pub(super) fn metrics(snapshot: &Snapshot) -> String {
     text
 }
 
-/// Name, labels and value.
 type Sample = (&'static str, String, f64);
 
 fn of_pipeline(snapshot: &Snapshot, samples: &mut Vec<Sample>) {

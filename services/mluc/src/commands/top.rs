@@ -15,7 +15,6 @@ const LOOK: Duration = Duration::from_millis(50);
 const BAR: u64 = 32;
 /// Largest number of complaints that are shown.
 const COMPLAINTS_MAX: usize = 6;
-/// Clears a terminal.
 const CLEAR: &str = "\x1b[2J\x1b[H";
 
 pub(crate) fn top(name: Option<&str>, is_once: bool) -> anyhow::Result<ExitCode> {
@@ -91,7 +90,6 @@ fn bar(health: &Health, longest_us: u64) -> String {
 struct Complaints(Vec<(String, String)>);
 
 impl Complaints {
-    /// Adds the new complaints.
     fn add(&mut self, snapshot: &Snapshot) {
         let state = snapshot.state().filter(|state| !state.sees());
         let status = snapshot.status.as_ref();

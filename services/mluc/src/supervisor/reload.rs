@@ -29,7 +29,6 @@ pub(super) struct ModelChange {
     /// The settings with this model.
     settings: Settings,
     run: RunDescription,
-    /// What changes, in words.
     keys: String,
     begun: Instant,
 }

@@ -38,7 +38,6 @@ const COMPLAINTS: [&str; 5] = [
     "degraded",
 ];
 
-/// A state and why.
 type Verdict = (StatusState, String);
 
 /// Judges the state of the pipeline and publishes it.
@@ -273,7 +272,6 @@ impl StageCounts {
 #[derive(Clone, Copy, Debug)]
 struct Newest {
     sequence: u64,
-    /// When its scan arrived.
     arrived_ns: u64,
     flags: Flags,
     is_usable: bool,
@@ -284,7 +282,6 @@ struct Newest {
 struct Facts {
     /// `None`: there is no budget; results may come at any time.
     budget_ns: Option<u64>,
-    /// When the run began.
     begun_ns: u64,
     /// The sensor's period according to the settings; 0: not given.
     period_ns: u64,

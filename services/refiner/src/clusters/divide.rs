@@ -7,9 +7,8 @@
 use std::ops::Range;
 
 use super::cells::Cells;
-use crate::fit::ClusterPoints;
 use crate::size::{is_upright, is_whole, is_within, longest_side, whole_diagonal_m};
-use crate::{Settings, priors};
+use crate::{Settings, fit::ClusterPoints, priors};
 
 /// Maximum extent of an upright part along x or y, m: an upright part is at most 4.5 m high, and shorter than high.
 const UPRIGHT_LENGTH_MAX_M: f32 = 3.5;
@@ -53,7 +52,7 @@ impl Piece {
 /// Divides the components of each frame; buffers are reused.
 #[derive(Debug, Default)]
 pub(super) struct Divider {
-    settings: Settings,
+    pub(super) settings: Settings,
     /// Number of cells before any was added. Parts without any of these cells were not requested, and are not divided further.
     first_added: u32,
     /// Cells of all pieces, by their ranges.

@@ -5,9 +5,8 @@
 use mluc_kernels::at_best;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::Sensor;
 use crate::fit::{ClusterPoints, Rectangle, higher, lower};
-use crate::frame::IndexedPoint;
+use crate::{Sensor, frame::IndexedPoint};
 use mluc_geometry::ground::{ground_height_m, tiles::whole};
 
 /// Maximum assumed height of an object above its seen top, m. A guess, as the gap itself is if the model has no beams.
@@ -63,6 +62,8 @@ const SAMPLED_MIN: u32 = 30;
 /// Directions are distinguished by octant and by the ratio of the shorter side to the longer one, in this many steps.
 const RATIOS: u32 = 4;
 const DENSITY_MAX: f32 = 10.0;
+/// Bounds of [`Measurer::spread`].
+const SPREAD: [f32; 2] = [0.5, 2.5];
 const PER_M: f32 = 1000.0;
 
 impl Measurer {
@@ -106,6 +107,13 @@ impl Measurer {
             let returns = (count * SAMPLE as u32) as f32;
             self.steps_rad[1] = (BAND[1] - BAND[0]) * seen_rad / (returns * self.steps_rad[0]);
         }
+    }
+
+    /// Distance between neighbouring rays, the root of the area of one, as a multiple of an HDL-64E's.
+    pub(super) fn spread(&self) -> f32 {
+        let area = |[column, beam]: [f32; 2]| column * beam;
+        let ratio = area(self.steps_rad) / area(STEPS_DEFAULT_RAD);
+        ratio.sqrt().clamp(SPREAD[0], SPREAD[1])
     }
 
     /// Measures a cluster; the caller adds what it was divided from.
@@ -264,6 +272,9 @@ mod tests {
             };
             let mut measurer = Measurer::new(&Sensor::plain(&["car"]));
             measurer.look(&(0..15 * columns).map(at).collect::<Vec<_>>());
+            // The join distance grows with the root of it.
+            let spread = (measurer.steps_rad[1] / STEPS_DEFAULT_RAD[1]).sqrt();
+            assert!((measurer.spread() - spread).abs() < 1e-5);
             measurer.steps_rad[1].to_degrees()
         };
         let [around, none] = [2083, 0].map(found_deg);

@@ -165,6 +165,9 @@ impl ClusterFinder {
                 add(&mut self.cells, tile);
             }
         }
+        // Neighbouring returns of a surface lie as far apart as the rays.
+        let spread = f64::from(self.measurer.spread());
+        self.divider.settings.join_per_range = self.settings.join_per_range * spread;
         self.divider.divide(&mut self.cells, add);
         self.cluster_of_cell.clear();
         (self.cluster_of_cell).resize(self.cells.cells.len(), NO_CLUSTER);

@@ -65,7 +65,8 @@ impl Header {
             let [letter, size, count] = [&self.kinds, &self.sizes, &self.counts]
                 .map(|words| words.get(i).map_or("", String::as_str));
             let kind = Kind::new(letter == "F", letter == "I", size.parse().unwrap_or(0));
-            let kind = kind.filter(|_| ["F", "I", "U", "B"].contains(&letter));
+            let is_told = ["F", "I", "U"].contains(&letter) || (letter, size) == ("B", "1");
+            let kind = kind.filter(|_| is_told);
             let kind = kind.ok_or_else(|| {
                 let place = format!("TYPE and SIZE of {name}");
                 let expected = "F 4, F 8, B 1, or I or U 1, 2, 4 or 8";

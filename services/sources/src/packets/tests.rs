@@ -280,26 +280,46 @@ fn azimuth_off(kind: &Kind, scan: &Revolution, point: usize) -> f64 {
     (azimuth - share + 0.5).rem_euclid(1.0) - 0.5
 }
 
+/// Two returns fill eight blocks with one firing.
+fn dual_vls_128(n: u32, ns: u64) -> Vec<u8> {
+    let mut packet = velodyne([161, 12, 20, 0x39, 0], n, ns);
+    (0..8).for_each(|block| packet[block * 100 + 1] -= 0x11 * (block / 2) as u8);
+    packet[800..1200].fill(0);
+    packet
+}
+
 #[test]
 fn every_firing_of_a_vls_128_turns_on() {
-    for kind in kinds()
-        .iter()
-        .filter(|kind| kind.calibration == Some(yaml(128)))
-    {
+    let all = kinds();
+    let kind = all.iter().find(|kind| kind.calibration == Some(yaml(128)));
+    let kind = kind.expect("a VLS-128");
+    for is_dual in [false, true] {
         let (mut decoder, mut offs) = (kind.decoder(), vec![]);
         let mut keep = |scan: &Revolution| {
-            if !scan.is_partial {
-                offs.extend((0..scan.points.len()).map(|i| azimuth_off(kind, scan, i)));
-            }
+            let points = 0..scan.points.len();
+            offs.push(
+                points
+                    .map(|i| azimuth_off(kind, scan, i))
+                    .collect::<Vec<_>>(),
+            );
         };
-        for n in 0..3 * kind.per_turn {
-            let ns = HOUR_NS + u64::from(n) * kind.interval_ns;
-            decoder.push(&datagram(ns, &kind.packet(n, ns)), &mut keep);
+        let firings = if is_dual { 1 } else { 3 };
+        // A packet is lost.
+        for n in (0..3 * 1800 / firings).filter(|n| *n != 900) {
+            let ns = HOUR_NS + u64::from(n * firings) * 53_300;
+            let packet = if is_dual {
+                dual_vls_128(n, ns)
+            } else {
+                kind.packet(n, ns)
+            };
+            decoder.push(&datagram(ns, &packet), &mut keep);
         }
-        offs.sort_unstable_by(f64::total_cmp);
         // A firing takes some 0.2 degrees.
-        let spread_deg = 360.0 * (offs[offs.len() - 1] - offs[0]);
-        assert!(spread_deg < 0.03, "{}: {spread_deg}", kind.product);
+        for offs in &mut offs[1..] {
+            offs.sort_unstable_by(f64::total_cmp);
+            let spread_deg = 360.0 * (offs[offs.len() - 1] - offs[0]);
+            assert!(spread_deg < 0.03, "{is_dual}: {spread_deg}");
+        }
     }
 }
 
@@ -396,6 +416,14 @@ fn a_calibration_that_cannot_be_is_an_error_with_its_place() {
     let named_twice = yaml(16).replace("id: 3", "id: 4");
     let too_few = legacy.replace("[20, 5", "[5");
     let formats = "Velodyne's YAML, Hesai's CSV or Ouster's JSON";
+    // A named format, a checksum, and metadata of old firmware are fine.
+    let named = csv(40).replacen("Laser", "EEFF,1\nLaser", 1) + "0123abcd\n";
+    let old = legacy.replace("_mm\"", "\"");
+    assert!(
+        [named, old]
+            .iter()
+            .all(|text| Calibration::parse(text).is_ok())
+    );
     let cases = [
         (String::new(), formats),
         ("lasers: 5".into(), "YAML: expected a list `lasers`"),

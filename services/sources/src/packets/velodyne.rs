@@ -108,8 +108,8 @@ pub(super) struct Velodyne {
     unit_m: f32,
     beams: Vec<Beam>,
     last_stamp_ns: Option<u64>,
-    /// First azimuth of the last packet, 0.01 degrees.
-    last_cdeg: Option<u16>,
+    /// Time and azimuth (0.01 degrees) of the last packet's first firing.
+    last_firing: Option<(u64, u16)>,
 }
 
 impl Velodyne {
@@ -136,7 +136,7 @@ impl Velodyne {
             product,
             unit_m: unit_m.unwrap_or(f32::from(product.unit_mm) * 0.001),
             last_stamp_ns: None,
-            last_cdeg: None,
+            last_firing: None,
         })
     }
 
@@ -167,9 +167,14 @@ impl Velodyne {
         // The four blocks of a VLS-128's firing have one azimuth.
         let ahead = returns * (lasers / BLOCK_SHOTS).max(1);
         let first_cdeg = azimuth_of(0);
-        let before_cdeg = match self.last_cdeg.replace(first_cdeg) {
+        let before_cdeg = match self.last_firing.replace((stamp_ns, first_cdeg)) {
             _ if ahead < blocks => gap_cdeg(first_cdeg, azimuth_of(ahead)),
-            last_cdeg => last_cdeg.map_or(0, |last_cdeg| gap_cdeg(last_cdeg, first_cdeg)),
+            // By time, since packets may have been lost.
+            Some((last_ns, last_cdeg)) if last_ns < stamp_ns => {
+                let gap_cdeg = u64::from(gap_cdeg(last_cdeg, first_cdeg));
+                (gap_cdeg * interval_ns / (stamp_ns - last_ns)) as u32
+            }
+            _ => 0,
         };
         for block in (0..blocks).step_by(returns) {
             // The azimuth after the last firing comes with the next packet.

@@ -12,7 +12,6 @@ use crate::suite::{begin_run, stamp};
 
 /// Room for messages that break the contract because they are longer than its bounds.
 const TOO_MANY_OBJECTS: usize = OBJECTS_MAX + 88;
-/// Points of a scan.
 const POINTS: usize = 1000;
 
 /// A frame to be sent.
@@ -121,7 +120,6 @@ impl Player {
         }
     }
 
-    /// Sends the next scan.
     pub(super) fn send_scan(&mut self, points: &[Point]) -> anyhow::Result<()> {
         let header = self.header(self.next);
         self.next += 1;

@@ -33,7 +33,6 @@ impl Frame {
     }
 }
 
-/// The refiner's answer.
 pub(crate) struct Answer {
     pub(crate) header: FrameHeader,
     pub(crate) objects: Vec<Object>,

@@ -6,11 +6,10 @@ use anyhow::{Context, anyhow, bail};
 use mluc_ipc_types::{Health, Stage};
 use mluc_runtime::{Instance, monotonic_ns};
 
-use crate::program::Options;
 use crate::refiner::answer::{check_form, check_objects};
-use crate::refiner::cases;
 use crate::refiner::player::{Answer, Frame, Player};
 use crate::suite::{self, Case, Suite};
+use crate::{program::Options, refiner::cases};
 
 /// Interval at which a wait checks its condition.
 const LOOK: Duration = Duration::from_millis(20);
@@ -153,7 +152,6 @@ impl Session {
     }
 }
 
-/// A heartbeat in words.
 pub(crate) fn describe(health: &Health) -> String {
     let state = health.checked().map_or("?", |(_, state)| state.name());
     format!(

@@ -85,7 +85,6 @@ pub(crate) struct Player {
     pub(super) run: RunDescription,
     /// The supervisor's count of scans that came.
     pub(super) sent: u64,
-    /// Whether results come.
     pub(super) answers: bool,
     told_ns: u64,
 }

@@ -14,7 +14,6 @@ use super::super::train::{commit, train};
 use super::super::{simulate::export_with_progress, terminal::print_err};
 use super::lower;
 
-/// Frames per step.
 const BATCH: usize = 4;
 /// Number of times that a scan is trained on: a guess that balances few scenes against few repetitions.
 const PASSES: f64 = 3.0;
@@ -41,6 +40,7 @@ pub(super) struct Request {
     /// Fingerprint of the initial weights.
     pub(super) init: String,
     /// Version of the program: another version simulates other scans.
+    #[serde(default)]
     pub(super) version: String,
 }
 

@@ -16,7 +16,6 @@ const SCANS: u64 = 20;
 /// How long to wait for a live sensor.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Examines some scans.
 pub(super) fn findings(
     input: &Path,
     layout: &Layout,
