@@ -24,7 +24,7 @@ import numpy as np
 WIRE_VERSION, REFINER, NONE = 6, 3, 2**32 - 1
 INGEST = 0
 POINTS_MAX, OBJECT_POINTS_MAX, DETECTIONS_MAX, HEARTBEAT_NS, SILENCE_NS = 262_144, 131_072, 512, 100_000_000, 1_000_000_000
-THINNED = 4  # a bit of an object's flags
+UNREFINED, THINNED = 1, 4  # bits of an object's flags
 GATES = 4  # codes of `gate`: 0 to 3
 FOOTPRINT_MAX, FINITE = 16, ("center_m", "size_m", "yaw_rad", "score", "eds", "eds_normalised", "threshold", "overlap")
 # Bits of a header's flags.
@@ -145,7 +145,7 @@ class Member:
     def __init__(self):
         self.root = "/dev/shm/" + stem()
         self.join()
-        self.node = make_node(stem())
+        self.node, self.services = make_node(stem()), {}
         self.descriptions, self.run = self.input("run"), RunDescription()
         self.last, self.sent, self.scans, self.is_stopping = None, 0, [], False
 
@@ -168,14 +168,17 @@ class Member:
             sys.exit(f"this program speaks wire version {WIRE_VERSION}, {self.root} {begun}: run the same mluc twice")
 
     def input(self, name):
-        return open_topic(self.node, name)[0].subscriber_builder().create()
+        self.services[name] = open_topic(self.node, name)[0]
+        return self.services[name].subscriber_builder().create()
 
     def listen(self, name):
         return open_topic(self.node, name)[1].listener_builder().create()
 
     def end_on_signals(self):
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, self.stop)
+        """SIGTERM and SIGINT set `is_stopping`, in place of the program's own handlers. Outside of the main thread the program sets it itself."""
+        with contextlib.suppress(ValueError):
+            for number in (signal.SIGTERM, signal.SIGINT):
+                signal.signal(number, self.stop)
 
     def stop(self, *_):
         self.is_stopping = True
@@ -207,6 +210,11 @@ class Member:
             self.scans.append(scan)
             if len(self.scans) > 4:
                 self.scans.pop(2).delete()
+        # Nothing is under way, and ingest is gone: the next one needs the memory that these scans hold.
+        is_idle = self.sent == (0 if self.last is None else self.last + 1)
+        if is_idle and self.services["points"].dynamic_config.number_of_publishers == 0:
+            while self.scans:
+                self.scans.pop().delete()
 
     def points_of(self, sequence):
         """The points of a scan, x, y, z, intensity; None: they are gone."""
@@ -224,7 +232,7 @@ class Member:
         """Closes all ports; then removes the instance's files if no other process is left in it."""
         # What closed later would remove files of the next pipeline of this name.
         for name in ("scans", "indices", "points", "detections", "objects", "object_points", "statuses", "healths", "outputs", "listener",
-                     "descriptions", "node"):
+                     "descriptions", "services", "node"):
             setattr(self, name, None)
         try:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -269,8 +277,8 @@ class Consumer(Watch):
 
     def frames(self, silence_s=float("inf")):
         """Yields the newest frame of the run until this process is asked to end; None after `silence_s` without one: `status()` says why.
-        Each has `header`, `objects` (an array of dtype Object), `points`, and `points_of(object)`: indices into the points, which are there until
-        the next frame (copy what you keep). `dropped` counts the frames that newer ones replaced."""
+        Each has `header`, `objects` (an array of dtype Object; its `footprint_m` is flat: x, y, x, y, ..), `points`, and `points_of(object)`: indices
+        into the points, which are there until the loop goes on (copy what you keep). `dropped` counts the frames that newer ones replaced."""
         heard_s = time.monotonic()
         while not self.is_stopping:
             try:
@@ -311,7 +319,8 @@ class Consumer(Watch):
         self.last, points = header.sequence, self.points_of(header.sequence)
         points = np.zeros((0, 4), np.float32) if points is None else points
         indices = self.indices_of(header)
-        if len(indices) and indices.max() >= len(points):
+        end = (objects["points_first"].astype(np.uint64) + objects["points_count"]).max(initial=0)
+        if len(indices) and (indices.max() >= len(points) or end > len(indices)):
             indices = indices[:0]
 
         def points_of(o):
@@ -323,9 +332,12 @@ class Consumer(Watch):
         """The objects. None, with a message on stderr: their numbers make no sense."""
         sound = all(np.isfinite(objects[name]).all() for name in FINITE)
         sound &= (objects["kind"] < 2).all() and (objects["disposition"] <= LOW_SCORE).all()
-        sound &= (objects["size_m"][objects["disposition"] == PUBLISHED] > 0).all()
+        told = objects[objects["disposition"] == PUBLISHED]
+        sound &= (told["size_m"] > 0).all() and (told["footprint_count"] >= 3).all()
         sound &= (objects["gate"] < GATES).all() and is_probability(objects["unknown_probability"]).all()
         sound &= (objects["class_id"] < self.run.classes_count).all() and (objects["footprint_count"] <= FOOTPRINT_MAX).all()
+        corners = np.where(np.arange(2 * FOOTPRINT_MAX) < 2 * objects["footprint_count"][:, None], objects["footprint_m"], 0)
+        sound &= np.isfinite(corners).all()
         sound &= ((objects["suppressed_by"] == NONE) | (objects["suppressed_by"] < len(objects))).all()
         sound &= (objects["points_first"].astype(np.uint64) + objects["points_count"] <= OBJECT_POINTS_MAX).all()
         if not sound:
@@ -464,7 +476,7 @@ class Source(Stage):
         Of `name` the last 48 bytes are used. Rows that are not finite or beyond the limit are left out, counted and flagged."""
         started_ns, points = time.monotonic_ns(), np.asarray(points, np.float32)
         if points.ndim != 2 or points.shape[1] != 4 or self.sequence is None:
-            raise ValueError(f"expected an array of N rows and 4 columns after wait() was true, found {points.shape}")
+            raise ValueError(f"expected an array of N rows and 4 columns after wait() was true, found {points.shape} and sequence {self.sequence}")
         finite = points[np.isfinite(points).all(1)]
         kept = np.ascontiguousarray(finite[:POINTS_MAX])
         beyond = len(finite) - len(kept)

@@ -112,7 +112,8 @@ class Refiner {
         } else {
             cluster(points, o);
             if (mine_.size() < kPointsMin) {
-                o.disposition = MLUC_TOO_FEW_POINTS;
+                if (owner_.empty()) o.flags |= MLUC_UNREFINED;
+                else o.disposition = MLUC_TOO_FEW_POINTS;
                 return;
             }
             if (is_covered(o)) return;

@@ -55,7 +55,7 @@ def refine(points, boxes, classes):
         if o["kind"][i]:
             owners, votes = np.unique(owner[mine], return_counts=True)
             if len(mine) < POINTS_MIN:
-                o["disposition"][i] = mluc.TOO_FEW_POINTS
+                o["disposition"][i], o["flags"][i] = (mluc.TOO_FEW_POINTS, 0) if len(points) else (mluc.PUBLISHED, mluc.UNREFINED)
             elif owners[votes.argmax()] >= 0 and votes.max() > len(mine) / 2:  # most belong to another
                 o["suppressed_by"][i], o["overlap"][i] = owners[votes.argmax()], votes.max() / len(mine)
                 o["disposition"][i] = [mluc.OVERLAPS_KNOWN, mluc.OVERLAPS_UNKNOWN][o["kind"][o["suppressed_by"][i]]]

@@ -29,6 +29,7 @@ std::vector<mluc_point> read(const std::filesystem::path &path) {
     std::vector<mluc_point> points(std::filesystem::file_size(path) / sizeof(mluc_point));
     std::ifstream file(path, std::ios::binary);
     file.read(reinterpret_cast<char *>(points.data()), static_cast<std::streamsize>(points.size() * sizeof(mluc_point)));
+    points.resize(static_cast<size_t>(file.gcount()) / sizeof(mluc_point));
     return points;
 }
 

@@ -20,7 +20,7 @@ def scans(folder):
 
 def read(path):
     """N rows of x, y, z (m; forward, left, up), intensity (0 to 1). Yours come from a sensor."""
-    return np.fromfile(path, np.float32).reshape(-1, 4) if path.suffix == ".bin" else np.load(path)[:, :4]
+    return np.fromfile(path, np.float32, path.stat().st_size // 16 * 4).reshape(-1, 4) if path.suffix == ".bin" else np.load(path)[:, :4]
 
 
 if len(sys.argv) != 2 or not scans(sys.argv[1]):

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::{
     Element, Epilogue, Gather, Level, Weights,
-    simd::{BLOCK, Kernel, Lists, Room, Simd, Sum, clamp, convolve_tiles},
+    simd::{BLOCK, Kernel, Lists, Operand, Room, Simd, Sum, clamp, convolve_tiles},
     weights::{PANEL_MAX, Panel, panels},
 };
 
@@ -118,7 +118,7 @@ impl<I: Element, O: Element> Kernel for Block<'_, I, O> {
     type Output = ();
 
     #[inline(always)]
-    fn run<S: Simd>(mut self, simd: S) {
+    fn run<S: Simd>(mut self, _: S) {
         let mut room = Room::<I::Sum, { BLOCK * PANEL_MAX }>::new();
         let (taps, rows) = (self.job.weights.taps, &self.rows);
         let index = &self.job.gather.index[rows.start * taps..rows.end * taps];
@@ -132,28 +132,48 @@ impl<I: Element, O: Element> Kernel for Block<'_, I, O> {
             let pairs = first.iter_mut().zip(&bias);
             pairs.for_each(|(first, bias)| *first = I::Sum::begin(*bias));
             let sums = room.rows(self.rows.len(), &first[..panel.width]);
-            self.accumulate(simd, panel, &mut lists, sums);
+            let products = Products {
+                input: self.job.input,
+                weights: self.job.weights,
+                panel,
+                lists: &mut lists,
+                sums: &mut *sums,
+            };
+            I::accumulate(self.job.level, products);
             self.finish(panel, &bias[..panel.used], sums);
         }
     }
 }
 
-impl<I: Element, O: Element> Block<'_, I, O> {
+/// The products of a block and a panel.
+pub struct Products<'a, 'b, I: Operand> {
+    input: &'a [I],
+    weights: &'a Weights<I>,
+    panel: Panel,
+    lists: &'a mut Lists<'b>,
+    sums: &'a mut [I::Sum],
+}
+
+impl<I: Operand> Kernel for Products<'_, '_, I> {
+    type Output = ();
+
     #[inline(always)]
-    fn accumulate<S: Simd>(&self, simd: S, panel: Panel, lists: &mut Lists, sums: &mut [I::Sum]) {
-        let (input, weights) = (self.job.input, self.job.weights);
+    fn run<S: Simd>(self, simd: S) {
+        let (weights, panel) = (self.weights, self.panel);
         let (taps, cin, width) = (weights.taps, weights.cin, panel.width);
         let size = I::tap_rows(cin) * width;
         let mut tap = 0;
         while tap < taps && cin > 0 {
-            let listed = lists.at_taps_from(simd, tap);
+            let listed = self.lists.at_taps_from(simd, tap);
             let next = tap + listed.taps();
             let weights = &weights.panel(panel)[tap * size..next * size];
-            convolve_tiles(simd, input, cin, listed, weights, width, sums);
+            convolve_tiles(simd, self.input, cin, listed, weights, width, self.sums);
             tap = next;
         }
     }
+}
 
+impl<I: Element, O: Element> Block<'_, I, O> {
     #[inline(always)]
     fn finish(&mut self, panel: Panel, bias: &[f32], sums: &[I::Sum]) {
         let weights = self.job.weights;

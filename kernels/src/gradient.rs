@@ -3,8 +3,8 @@
 use rayon::prelude::*;
 
 use crate::{
-    Element, Gather,
-    simd::{Aligned, BLOCK, Kernel, LINE, Level, Lists, Rows, Simd, gradient_tiles},
+    Bf16, Element, Gather,
+    simd::{Aligned, BLOCK, Kernel, LINE, Level, Lists, Rows, Simd, compiled_here, gradient_tiles},
     weights::{PANEL_MAX, Panel, check, panels},
 };
 
@@ -22,7 +22,7 @@ const PART_BLOCKS_MIN: usize = 4;
 ///
 /// # Panics
 /// When lengths or row numbers contradict each other (a broken invariant, not data).
-pub fn weight_gradient<I: Element<Sum = f32>>(
+pub fn weight_gradient<I: Trainable>(
     input: &[I],
     cin: usize,
     gather: &Gather,
@@ -35,7 +35,7 @@ pub fn weight_gradient<I: Element<Sum = f32>>(
 }
 
 /// [`weight_gradient`] with the registers of `level`, for tests and measurements.
-pub fn weight_gradient_at<I: Element<Sum = f32>>(
+pub fn weight_gradient_at<I: Trainable>(
     level: Level,
     input: &[I],
     cin: usize,
@@ -61,14 +61,15 @@ pub fn weight_gradient_at<I: Element<Sum = f32>>(
         .par_chunks(part_rows * taps)
         .zip(output_gradient.par_chunks(part_rows * cout))
         .map(|(index, output_gradient)| {
-            level.run(Part {
+            let part = Part {
                 input,
                 cin,
                 index,
                 taps,
                 output_gradient,
                 cout,
-            })
+            };
+            I::add_up(level, part)
         })
         .collect();
     let padded = cout.next_multiple_of(LINE);
@@ -86,7 +87,7 @@ pub fn weight_gradient_at<I: Element<Sum = f32>>(
 }
 
 /// A run of output rows; its result is `[tap][cin][cout padded to whole lines]`.
-struct Part<'a, I> {
+pub struct Part<'a, I> {
     input: &'a [I],
     cin: usize,
     index: &'a [u32],
@@ -95,7 +96,21 @@ struct Part<'a, I> {
     cout: usize,
 }
 
-impl<I: Element<Sum = f32>> Kernel for Part<'_, I> {
+/// A value of the rows in training.
+pub trait Trainable: Element<Sum = f32> {
+    /// The partial sums of a run of rows.
+    fn add_up(level: Level, part: Part<Self>) -> Aligned<f32>;
+}
+
+impl Trainable for f32 {
+    compiled_here!(add_up(Part) -> Aligned<f32>);
+}
+
+impl Trainable for Bf16 {
+    compiled_here!(add_up(Part) -> Aligned<f32>);
+}
+
+impl<I: Trainable> Kernel for Part<'_, I> {
     type Output = Aligned<f32>;
 
     #[inline(always)]

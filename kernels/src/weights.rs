@@ -1,9 +1,6 @@
 //! Weights in the order the kernels read them.
 
-use crate::{
-    Element,
-    simd::{Aligned, LINE},
-};
+use crate::simd::{Aligned, LINE, Operand};
 
 /// Maximum number of output channels per panel: four AVX-512 registers.
 pub(crate) const PANEL_MAX: usize = 64;
@@ -41,7 +38,7 @@ pub(crate) fn panels(cout: usize) -> impl Iterator<Item = Panel> {
 /// with zeros to a multiple of 16. A packed row has one input channel in f32 and two in bf16. For input rows of u8 it has four in i8, for i16 two
 /// in i16; then each output channel has its own scale, and its largest weight is 127 times the scale.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Weights<I: Element = f32> {
+pub struct Weights<I: Operand = f32> {
     /// Taps of the kernel; equal to the taps of the gather.
     pub taps: usize,
     /// Channels of an input row.
@@ -52,7 +49,7 @@ pub struct Weights<I: Element = f32> {
     pub(crate) scale: Vec<f32>,
 }
 
-impl<I: Element> Weights<I> {
+impl<I: Operand> Weights<I> {
     /// Packs `[tap][cin][cout]`, rounded to the packed type. For rows of u8, `plain` maps multiples of the input's unit to multiples
     /// of the output's unit (f32 output: to values).
     ///

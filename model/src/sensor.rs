@@ -171,8 +171,12 @@ impl SensorProfile {
         for &elevation in &self.elevations_deg {
             within("elevations_deg", elevation, -90.0, 90.0)?;
         }
-        if !self.elevations_deg.is_sorted_by(|a, b| a >= b) {
-            return Err("elevations_deg: expected from the top down".into());
+        let mut pairs = self.elevations_deg.array_windows();
+        if let Some([upper, lower]) = pairs.find(|[upper, lower]| upper < lower) {
+            let found = format!("found {lower} after {upper}");
+            return Err(format!(
+                "elevations_deg: expected from the top down, {found}"
+            ));
         }
         for &offset in &self.azimuth_offsets_deg {
             within("azimuth_offsets_deg", offset, -360.0, 360.0)?;

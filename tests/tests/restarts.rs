@@ -11,7 +11,7 @@ const SECOND: Duration = Duration::from_secs(1);
 
 /// The signal hits each stage once, and each stage gets a new process.
 fn each_stage_is_replaced(signal: Signal, label: &str) -> Finished {
-    let setting = Setting::new(label, 400);
+    let setting = Setting::new(label, 200);
     let mut run = setting.up("");
     for stage in ["backbone", "head", "refiner", "ingest"] {
         run.wait_for_lines(3);
@@ -20,7 +20,7 @@ fn each_stage_is_replaced(signal: Signal, label: &str) -> Finished {
         run.replace(stage, signal);
     }
     let finished = setting.finish(run);
-    finished.assert_complete(3, 400);
+    finished.assert_complete(3, 200);
     finished.assert_says(&["0 lost; stages restarted: 4"]);
     finished
 }

@@ -61,7 +61,7 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
     }
     drop(progress);
     for (side, name) in sides.iter().zip(FOLDERS) {
-        folder::write(&out.join(name), &side.report(), &side.frames)?;
+        folder::write(&out.join(name), &side.report(plan), &side.frames)?;
     }
     let folders = FOLDERS.map(|name| out.join(name));
     let names = sides.each_ref().map(|side| side.name.as_str());
@@ -128,10 +128,15 @@ impl Side {
     }
 
     /// Figures of all rounds; machine, processes and messages of the last one.
-    fn report(&self) -> Value {
+    fn report(&self, plan: &Plan) -> Value {
         let (mut report, facts) = (report_of(&self.frames), &self.facts);
+        let own = plan.describe();
         for key in "title quiet machine build scenario".split(' ') {
             report[key] = facts[key].clone();
+        }
+        report["title"] = plan.title().into();
+        for key in ["scans", "seconds", "rounds"] {
+            report["scenario"][key] = own[key].clone();
         }
         for (stage, hop) in STAGES.into_iter().zip(HOPS) {
             report["stages"][stage]["resources"] = facts["stages"][stage]["resources"].clone();

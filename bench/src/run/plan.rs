@@ -6,6 +6,7 @@ use std::{fmt::Display, ops::RangeInclusive, time::Duration};
 use anyhow::{Context, Result};
 use mluc::{UsageError, document, model, settings::DEFAULT_MODEL};
 use mluc::{bundled::BundledScans, external::installed_program, resolve::file_layer};
+use mluc_backbone::Precision;
 use mluc_model::Model;
 use mluc_refiner::Variant as RefinerVariant;
 use mluc_sources::{Source, files::Layout};
@@ -102,21 +103,25 @@ impl Plan {
         let patience = table.patience_seconds.unwrap_or(PATIENCE_SECONDS);
         let patience = within("patience", patience, 0.1..=SECONDS_MAX)?;
         let seconds = table.seconds.unwrap_or(SECONDS);
+        let model = model::load(&model_name)?;
         let precision = args.precision.clone().or(word("precision"));
+        let chosen = || Precision::Auto.chosen(&model.manifest, &model.weights).0;
+        let precision = precision.filter(|name| name != Precision::Auto.name());
+        let precision = precision.unwrap_or_else(|| format!("{} (auto)", chosen()));
         Ok(Plan {
             rate_hz,
             seconds: within("seconds", seconds, 0.1..=SECONDS_MAX)?,
             warm_up_seconds: within("warm-up", warm_up, 0.0..=SECONDS_MAX)?,
             rounds,
             patience: Duration::from_secs_f64(patience),
-            model: model::load(&model_name)?,
-            stages: json!(document.get("stages")),
+            model,
+            stages: json!(document.get("stages").unwrap_or(&Table::new().into())),
             program,
             refiner,
             refiner_arguments,
             input,
             model_name,
-            precision: precision.unwrap_or_else(|| "auto".to_string()),
+            precision,
             args,
             scans,
             _configuration: folder,

@@ -11,7 +11,7 @@ struct Line<T>([T; LINE]);
 
 /// Owned values of four bytes each; the length is rounded up to a multiple of [`LINE`].
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Aligned<T>(Vec<Line<T>>);
+pub struct Aligned<T>(Vec<Line<T>>);
 
 impl<T: Copy + Default> Aligned<T> {
     /// Whole lines of T have no padding.

@@ -15,6 +15,17 @@ macro_rules! methods {
     )*};
 }
 
+/// A function of a type that runs a kernel. It is compiled once, in this crate; generic code is compiled in each crate that calls it.
+macro_rules! compiled_here {
+    ($name:ident($work:ident) $(-> $out:ty)?) => {
+        #[inline(never)]
+        fn $name(level: $crate::Level, work: $work<Self>) $(-> $out)? {
+            level.run(work)
+        }
+    };
+}
+pub(crate) use compiled_here;
+
 mod aligned;
 #[cfg(target_arch = "x86_64")]
 mod avx2;

@@ -2,11 +2,14 @@
 
 use std::fmt::Debug;
 
-use super::{Simd, load};
-use crate::{Bf16, Element};
+use super::{Level, Simd, load};
+use crate::{Bf16, Element, convolve::Products};
 
 /// A value of an input row. One product takes [`Operand::STEP`] values at once.
 pub trait Operand: Copy + Default {
+    /// Adds the products of a block to its sums.
+    fn accumulate(level: Level, products: Products<Self>);
+
     /// Packed weights of a step.
     type Weight: Copy + Default + Debug + PartialEq + Send + Sync;
     /// The type in which products are added.
@@ -105,6 +108,7 @@ impl Sum for i32 {
 
 // SAFETY (all below): the caller guarantees the pointers.
 impl Operand for f32 {
+    compiled_here!(accumulate(Products));
     type Weight = f32;
     type Sum = f32;
     type Factor<S: Simd> = S::Vector;
@@ -128,6 +132,7 @@ impl Operand for f32 {
 }
 
 impl Operand for Bf16 {
+    compiled_here!(accumulate(Products));
     type Weight = u32;
     type Sum = f32;
     type Factor<S: Simd> = S::Bits;
@@ -157,6 +162,7 @@ const INPUTS_MAX: usize = i32::MAX as usize / (255 * 127);
 
 /// Weights are i8; the largest of an output channel is 127. The last row of a tap is 128 times each column's sum, for [`Simd::SIGNED_BYTES`].
 impl Operand for u8 {
+    compiled_here!(accumulate(Products));
     type Weight = u32;
     type Sum = i32;
     type Factor<S: Simd> = S::Bits;
@@ -233,6 +239,7 @@ impl Operand for u8 {
 
 /// Values of 0 to 255 with the same sums and weights as u8, but in i16: faster on a processor without products of bytes.
 impl Operand for i16 {
+    compiled_here!(accumulate(Products));
     type Weight = u32;
     type Sum = i32;
     type Factor<S: Simd> = S::Bits;

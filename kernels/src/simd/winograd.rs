@@ -3,7 +3,7 @@
 use std::{marker::PhantomData, mem::MaybeUninit, ops::Range};
 
 use super::{
-    AlignedArray, LINE, Simd, Sum, clamp,
+    AlignedArray, Kernel, LINE, Level, Simd, Sum, clamp,
     cover::{Tile, cover},
     load,
     operand::multiply,
@@ -14,6 +14,9 @@ use crate::{ABSENT, Element, weights::PANEL_MAX, winograd::PLACES};
 
 /// A type of values that a layer by Winograd tiles can multiply.
 pub trait Tiled: Element {
+    /// Multiplies the windows of a chunk.
+    fn multiply_windows(level: Level, products: WindowProducts<Self>);
+
     /// Transformed weights are G g G' times this factor, which makes them integers where the weights are integers.
     const WEIGHT_FACTOR: f32;
 
@@ -33,6 +36,7 @@ pub trait Tiled: Element {
 }
 
 impl Tiled for f32 {
+    compiled_here!(multiply_windows(WindowProducts));
     const WEIGHT_FACTOR: f32 = 1.0;
 
     #[inline(always)]
@@ -47,6 +51,7 @@ impl Tiled for f32 {
 }
 
 impl Tiled for i16 {
+    compiled_here!(multiply_windows(WindowProducts));
     const WEIGHT_FACTOR: f32 = 4.0;
 
     #[inline(always)]
@@ -174,6 +179,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
     #[inline(always)]
     pub(crate) fn panel<S: Simd, O: Element>(
         &mut self,
+        level: Level,
         simd: S,
         weights: &[I::Weight],
         (scale, bias): (&[f32], &[f32]),
@@ -186,36 +192,16 @@ impl<'a, I: Tiled> Windows<'a, I> {
         assert_eq!(weights.len(), PLACES * I::tap_rows(self.cin) * width);
         assert_eq!(rows.len(), 4 * self.tiles, "rows of {} tiles", self.tiles);
         assert!(scale.len() == width && bias.len() == width);
-        self.multiply(simd, weights, width);
+        let products = WindowProducts {
+            windows: self,
+            weights,
+            width,
+        };
+        I::multiply_windows(level, products);
         self.transform_back(simd, (scale, bias), rows, output);
     }
 
-    /// A part of [`Windows::panel`], which has checked the lengths.
-    #[inline(always)]
-    fn multiply<S: Simd>(&mut self, simd: S, weights: &[I::Weight], width: usize) {
-        let size = I::tap_rows(self.cin) * width;
-        for place in 0..PLACES {
-            // SAFETY: inside the memory: the first of `tiles` rows of `cin`, and the first of `tiles` rows of `width`.
-            let (windows, sums) = unsafe {
-                (
-                    self.windows.add(place * self.tiles * self.cin),
-                    self.sums.add(place * self.tiles * width),
-                )
-            };
-            let product = Product::<I> {
-                windows,
-                cin: self.cin,
-                weights: weights[place * size..].as_ptr(),
-                width,
-                sums,
-            };
-            // SAFETY: `transformed` has written `tiles` rows of `cin` at each place, `weights` has their rows of
-            // `width`, and `sums` has room for TILES_MAX >= tiles rows of PANEL_MAX >= width at each.
-            unsafe { cover(simd, self.tiles, width, &product) }
-        }
-    }
-
-    /// Computes A' m A of the sums m of each tile; a part of [`Windows::panel`], which has called `multiply` before.
+    /// Computes A' m A of the sums m of each tile; a part of [`Windows::panel`], which has called `multiply_windows` before.
     #[inline(always)]
     fn transform_back<S: Simd, O: Element>(
         &self,
@@ -228,12 +214,12 @@ impl<'a, I: Tiled> Windows<'a, I> {
         let mut sums = AlignedArray([I::Sum::default(); 4 * PANEL_MAX]);
         for (tile, rows) in rows.chunks_exact(4).enumerate() {
             for channel in (0..width).step_by(S::LANES) {
-                // SAFETY: the first values that `multiply` has written.
+                // SAFETY: the first values that `multiply_windows` has written.
                 let mut m = [[unsafe { load(self.sums) }; 4]; 4];
                 for y in 0..4 {
                     for x in 0..4 {
                         let place = ((y * 4 + x) * tiles + tile) * width + channel;
-                        // SAFETY: `multiply` has written `width` sums of each of the tiles at each place; width is a multiple of LANES.
+                        // SAFETY: `multiply_windows` has written `width` sums of each of the tiles at each place; width is a multiple of LANES.
                         m[y][x] = unsafe { load(self.sums.add(place)) };
                     }
                 }
@@ -263,6 +249,43 @@ impl<'a, I: Tiled> Windows<'a, I> {
                     *y = O::from_f32(clamp(value, output.floor));
                 }
             }
+        }
+    }
+}
+
+/// The products of a chunk's windows and a panel's weights; a part of [`Windows::panel`], which has checked the lengths.
+pub struct WindowProducts<'a, 'b, I: Tiled> {
+    windows: &'a mut Windows<'b, I>,
+    weights: &'a [I::Weight],
+    width: usize,
+}
+
+impl<I: Tiled> Kernel for WindowProducts<'_, '_, I> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        let Windows { tiles, cin, .. } = *self.windows;
+        let width = self.width;
+        let size = I::tap_rows(cin) * width;
+        for place in 0..PLACES {
+            // SAFETY: inside the memory: the first of `tiles` rows of `cin`, and the first of `tiles` rows of `width`.
+            let (windows, sums) = unsafe {
+                (
+                    self.windows.windows.add(place * tiles * cin),
+                    self.windows.sums.add(place * tiles * width),
+                )
+            };
+            let product = Product::<I> {
+                windows,
+                cin,
+                weights: self.weights[place * size..].as_ptr(),
+                width,
+                sums,
+            };
+            // SAFETY: `transformed` has written `tiles` rows of `cin` at each place, `weights` has their rows of
+            // `width`, and `sums` has room for TILES_MAX >= tiles rows of PANEL_MAX >= width at each.
+            unsafe { cover(simd, tiles, width, &product) }
         }
     }
 }
@@ -317,7 +340,7 @@ impl<I: Tiled> Tile for Product<I> {
     #[inline(always)]
     unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]) {
         let [row, column] = at;
-        // SAFETY: `Windows::multiply` has checked the lengths; the caller gives rows and columns inside; a register has at most LINE lanes.
+        // SAFETY: `Windows::panel` has checked the lengths; the caller gives rows and columns inside; a register has at most LINE lanes.
         unsafe {
             let (mut windows, mut sums) = ([self.windows; R], [self.sums; R]);
             for r in 0..R {

@@ -154,7 +154,14 @@ impl<I: Tiled, O: Element> Kernel for Chunk<'_, I, O> {
                 columns: channels,
                 floor: epilogue.floor(),
             };
-            windows.panel(simd, weights.panel(panel), factors, rows, &mut to);
+            windows.panel(
+                self.job.level,
+                simd,
+                weights.panel(panel),
+                factors,
+                rows,
+                &mut to,
+            );
         }
     }
 }

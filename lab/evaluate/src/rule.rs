@@ -138,10 +138,20 @@ pub fn rules(request: &RuleRequest, frames: &[LabelledFrame]) -> Result<Vec<Clas
     let lower = |class: &String| class.to_ascii_lowercase();
     let unknown: Vec<String> = request.unknown.iter().map(lower).collect();
     let with_overlap = request.iou_min.iter().map(|(class, _)| class);
-    let named = request.classes.iter().chain(with_overlap);
+    let named = request.classes.iter().chain(with_overlap.clone());
     if let Some(class) = named.clone().find(|class| contains(&unknown, class)) {
         return Err(EvaluateError::Input(format!(
             "{class}: expected a class that is either known (--iou, --classes) or unknown (--unknown), found it in both"
+        )));
+    }
+    let is_evaluated =
+        |class: &str| request.classes.is_empty() || contains(&request.classes, class);
+    if let Some(class) = with_overlap
+        .clone()
+        .find(|class| contains(&[UNKNOWN.into()], class) || !is_evaluated(class))
+    {
+        return Err(EvaluateError::Input(format!(
+            "--iou {class}: expected a known class that --classes names, if it is given (the unknown have --unknown-iou)"
         )));
     }
     let mut known: Vec<String> = if request.classes.is_empty() {

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use mluc_kernels::{Element, Epilogue, Gather, Weights, convolve, weight_gradient};
+use mluc_kernels::{Element, Epilogue, Gather, Trainable, Weights, convolve, weight_gradient};
 
 use crate::norm::{self, Activation, Statistics, Tail};
 use crate::pool::{Pool, round};
@@ -267,7 +267,7 @@ pub(crate) fn linear_backward(
 }
 
 /// From a convolution's output gradient: adds the gradient of the weights `[tap][cin][cout]`, and writes the input's gradient where it is needed.
-fn gradients<I: Element<Sum = f32>>(
+fn gradients<I: Trainable>(
     [input, gradient]: [&[I]; 2],
     (gather, transposed): (&Gather, Option<&Gather>),
     [taps, cin, cout]: [usize; 3],

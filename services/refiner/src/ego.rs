@@ -67,7 +67,6 @@ pub struct EgoEstimator {
     last: Option<Taken>,
     /// Whether the source gives the poses, and the number of scans since it last gave one.
     is_told: bool,
-    untold: u64,
     /// The motion per scan, from the last match or from the source's last poses.
     step: Option<Isometry2<f64>>,
     /// Whether the last scan did not match.
@@ -97,16 +96,11 @@ impl EgoEstimator {
             if gap != Some(0) {
                 let before = known.zip(gap).filter(|_| self.is_told);
                 self.step = before.map(|(last, gap)| part(&last.pose, &pose, gap));
-                (self.last, self.is_told, self.untold) = (Some(taken(pose)), true, 0);
+                (self.last, self.is_told) = (Some(taken(pose)), true);
             }
             return Some(header.ego);
-        } else if let (Some(gap), Some(step), true) = (gap, self.step, self.is_told)
-            && (gap == 0 || self.untold < UNTOLD_MAX)
-        {
-            let pose = after(&step);
-            self.untold += u64::from(gap > 0);
-            self.last = Some(taken(pose));
-            return Some(told(&pose, TOLD));
+        } else if self.is_told && gap.is_some_and(|gap| gap <= UNTOLD_MAX) {
+            return self.step.map(|step| told(&after(&step), TOLD));
         } else if std::mem::take(&mut self.is_told) {
             (self.earlier_taken, self.last, self.step) = (None, None, None);
             return self.estimate(header, scan);

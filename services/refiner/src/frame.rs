@@ -102,6 +102,7 @@ impl FrameIndex {
         })
     }
 
+    #[cfg(test)]
     pub(crate) fn occupied_tiles(&self) -> impl Iterator<Item = usize> {
         let ends = self.tile_first.windows(2).enumerate();
         ends.filter_map(|(tile, ends)| (ends[0] < ends[1]).then_some(tile))

@@ -31,7 +31,6 @@ mod testing;
 pub mod track;
 
 pub use cluster_scorer::ClusterScorer;
-pub use clusters::{FrameClusterer, FrameClusters};
 pub use ego::EgoEstimator;
 pub use frame::{FrameIndex, IndexedPoint};
 pub use output::{Counters, RefinerOutput};

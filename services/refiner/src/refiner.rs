@@ -2,8 +2,8 @@
 
 use mluc_geometry::{Box3, Inside};
 use mluc_ipc_types::{
-    DETECTIONS_MAX, Detection, Disposition, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, ObjectKind,
-    POINTS_MAX, Point,
+    DETECTIONS_MAX, Detection, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, ObjectKind, POINTS_MAX,
+    Point,
 };
 use mluc_model::{Beams, Model, Probabilities, ScoreMin};
 
@@ -242,7 +242,7 @@ impl Refiner {
         }
     }
 
-    /// Writes the output. Published objects get their points first; suppressed objects get the remaining room.
+    /// Writes the output. Objects may share their points.
     fn write_out(&self, detections: &[Detection], out: &mut RefinerOutput) {
         out.objects.clear();
         out.object_points.clear();
@@ -269,20 +269,13 @@ impl Refiner {
             }
             out.objects.push(object);
         }
-        for published in [true, false] {
-            for (proposal, object) in self.proposals.iter().zip(&mut out.objects) {
-                let counts = proposal.disposition == Disposition::Published && !proposal.is_doubted;
-                if counts != published {
-                    continue;
-                }
-                let own = &self.points[proposal.points.0..proposal.points.1];
-                let room = OBJECT_POINTS_MAX - out.object_points.len();
-                let fits = own.len().min(room);
-                object.points_first = out.object_points.len() as u32;
-                object.points_count = fits as u32;
-                out.object_points.extend_from_slice(&own[..fits]);
-                out.counters.object_points_dropped += (own.len() - fits) as u32;
-            }
+        let room = self.points.len().min(OBJECT_POINTS_MAX);
+        out.object_points.extend_from_slice(&self.points[..room]);
+        out.counters.object_points_dropped += (self.points.len() - room) as u32;
+        for (proposal, object) in self.proposals.iter().zip(&mut out.objects) {
+            let (first, end) = proposal.points;
+            let [first, end] = [first, end].map(|at| at.min(room) as u32);
+            (object.points_first, object.points_count) = (first, end - first);
         }
     }
 }

@@ -161,9 +161,9 @@ impl Settings {
             within("points_min", "1 to 10,000 points", points_min, 1e4),
             above_0("ground_clearance_m", self.ground_clearance_m),
             above_0("height_max_m", self.height_max_m),
-            above_0("join_m", self.join_m),
+            within("join_m", "above 0 to 3.5 m", self.join_m, 3.5),
             ("join_per_range", "a share of 0 to 1", share, is_share),
-            above_0("join_max_m", self.join_max_m),
+            within("join_max_m", "above 0 to 3.5 m", self.join_max_m, 3.5),
             from_0("robot.height_min_m", self.robot.height_min_m),
             from_0("robot.width_min_m", self.robot.width_min_m),
         ];

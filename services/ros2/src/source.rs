@@ -185,8 +185,8 @@ impl LiveScans for Clouds {
     }
 
     fn silence(&self) -> Option<String> {
-        let (seconds, name) = (self.heard.elapsed().as_secs(), &self.name);
-        (seconds > 0).then(|| format!("no message on the ROS 2 topic {name} for {seconds} s"))
+        let words = || format!("no message on the ROS 2 topic {}", self.name);
+        (self.heard.elapsed().as_secs() > 0).then(words)
     }
 }
 

@@ -141,11 +141,11 @@ impl HealthWatch {
         })
     }
 
-    /// Whether the stage reported that it takes frames of the run.
+    /// Whether the stage reported that it takes frames of the run, and is not silent.
     pub fn is_ready(&self, stage: Stage) -> bool {
         use HealthState::{Degraded, Running, WaitingInput};
         let takes_frames = |state| [WaitingInput, Running, Degraded].contains(&state);
-        self.of(stage).is_some_and(|health| {
+        self.heard()[stage as usize].is_some_and(|health| {
             health.run_id != 0
                 && health.run_id == self.run.id()
                 && health.checked().is_ok_and(|(_, state)| takes_frames(state))

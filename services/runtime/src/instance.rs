@@ -21,19 +21,21 @@ pub struct Instance {
 impl Instance {
     /// The name when none is given.
     pub const DEFAULT: &str = "default";
-    /// Longest name: a socket path has at most 107 bytes in all.
+    /// Longest name and user's number together: each stands twice in a socket path, which has at most 107 bytes.
     const NAME_MAX: usize = 24;
 
     /// Checks the name.
     pub fn new(name: &str) -> Result<Instance> {
-        let fits = (1..=Instance::NAME_MAX).contains(&name.len());
+        let user = rustix::process::geteuid().as_raw().to_string();
+        let most = Instance::NAME_MAX - user.len();
+        let fits = (1..=most).contains(&name.len());
         let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if !fits || !name.chars().all(plain) {
-            let cause = "its name must be 1 to 24 of the characters a-z, A-Z, 0-9, '-' and '_'";
+            let cause = format!("its name must be 1 to {most} of a-z, A-Z, 0-9, '-' and '_'");
             return Err(RuntimeError::instance(name, cause));
         }
         // A dot ends the name, so that no instance's prefix begins another's.
-        let stem = format!("mluc-{}-{name}", rustix::process::geteuid().as_raw());
+        let stem = format!("mluc-{user}-{name}");
         Ok(Instance {
             name: name.to_string(),
             prefix: format!("{stem}."),
@@ -79,7 +81,7 @@ mod tests {
         for name in ["", ".", "..", "a/b", "a.b", "a b", "\u{e4}", &long] {
             assert!(Instance::new(name).is_err(), "{name:?}");
         }
-        assert!(Instance::new(&"x".repeat(24)).is_ok());
+        assert!(Instance::new(&"x".repeat(14)).is_ok());
     }
 
     #[test]

@@ -122,7 +122,11 @@ where
             writeln!(writer, "{line}")?;
         }
         let mut repeats = REPEATS.lock().unwrap_or_else(PoisonError::into_inner);
-        if repeats.admit(level, &words.message, now_ns) {
+        let fields = words.fields.iter();
+        let told = fields.fold(words.message.clone(), |told, (name, value)| {
+            told + " " + name + "=" + value
+        });
+        if repeats.admit(level, &told, now_ns) {
             let line = log_line(self.process, level, &words.message, &words.fields);
             writeln!(writer, "{line}")?;
         }

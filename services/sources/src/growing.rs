@@ -107,17 +107,19 @@ impl LiveScans for Growing {
             checked.with_context(|| format!("input {}", path.display()))?;
         }
         self.bytes = bytes(&path);
+        let written = fs::metadata(&path).and_then(|about| about.modified()).ok();
+        let written = written.and_then(|at| at.duration_since(SystemTime::UNIX_EPOCH).ok());
         self.folder.scans = vec![path];
         self.folder.load(0, scan);
+        scan.received_ns = written.map(|since| since.as_nanos() as u64);
         scan.missed = missed;
         self.heard = Instant::now();
         Ok(Next::Scan)
     }
 
     fn silence(&self) -> Option<String> {
-        let (name, silent) = (self.path.display(), self.heard.elapsed());
-        let words = || format!("no new scan in {name} for {} s", silent.as_secs());
-        (silent >= SILENCE).then(words)
+        let words = || format!("no new scan in {}", self.path.display());
+        (self.heard.elapsed() >= SILENCE).then(words)
     }
 
     fn go_on(&mut self) -> anyhow::Result<()> {

@@ -106,14 +106,14 @@ impl LiveScans for Live {
     }
 
     fn silence(&self) -> Option<String> {
-        let (address, seconds) = (self.address, self.shared.silent_ms.load(Relaxed) / 1000);
+        let address = self.address;
         let words = || match self.shared.foreign_bytes.load(Relaxed) {
-            0 => format!("no packets of the sensor at {address} for {seconds} s"),
+            0 => format!("no packets of the sensor at {address}"),
             bytes => format!(
                 "packets of {bytes} bytes come to {address}, of no known sensor (an Ouster needs its metadata: --calibration)"
             ),
         };
-        (seconds > 0).then(words)
+        (self.shared.silent_ms.load(Relaxed) >= 1000).then(words)
     }
 }
 
@@ -180,7 +180,8 @@ impl Listener {
                 let mut scan = Scan::default();
                 scan.take(whole, 0, &self.layout);
                 scan.name.clear();
-                turn = Some(scan);
+                // After a pause a packet may end two turns; the second is a part of it.
+                turn.get_or_insert(scan);
             });
             let counts = decoder.counts();
             if counts.packets > before {
@@ -195,11 +196,12 @@ impl Listener {
                 tracing::warn!("packets come, but no turn has ended for {NO_TURN:?}: {why}");
             }
             let dropped = self.receiver.dropped();
-            let missing = counts.lost + counts.damaged + u64::from(dropped);
+            let missing = counts.lost + counts.damaged + counts.other_traffic + u64::from(dropped);
             if missing != told.1 && told.0.elapsed() > TELL {
                 told = (Instant::now(), missing);
-                let (lost, damaged, dropped_by_system) = (counts.lost, counts.damaged, dropped);
-                tracing::warn!(lost, damaged, dropped_by_system, "packets are missing");
+                let (lost, damaged, other) = (counts.lost, counts.damaged, counts.other_traffic);
+                let text = "packets are missing or from another sensor";
+                tracing::warn!(lost, damaged, other, dropped_by_system = dropped, "{text}");
             }
         }
         Ok(())

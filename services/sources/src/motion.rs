@@ -153,7 +153,9 @@ impl Odometry {
         let (mut name, mut pose, mut moves) = (frame, IsometryMatrix3::identity(), false);
         // The limit also ends a cycle of frames.
         for _ in 0..FRAMES_MAX {
-            if let Some((parent, trajectory)) = self.frames.get(name) {
+            // Above the odometry's frame a localization may jump (REP 105).
+            let is_continuous = moves && name.ends_with("odom");
+            if let Some((parent, trajectory)) = self.frames.get(name).filter(|_| !is_continuous) {
                 pose = trajectory.at(stamp_ns, after_s)? * pose;
                 moves |= !trajectory.is_fixed;
                 name = parent;

@@ -90,16 +90,18 @@ impl Capture {
 
     /// The decoder for the first sensor in the capture. Open the capture again to decode it from its start.
     pub fn detect(mut self, calibration: Option<&Calibration>) -> Result<Decoder, SourceError> {
-        let mut detector = Detector::new(calibration);
+        let (mut detector, mut other) = (Detector::new(calibration), None);
         for _ in 0..DETECT_MAX {
             let Some(datagram) = self.next_datagram()? else {
                 break;
             };
-            if let Some(decoder) = detector.look(&datagram)? {
-                return Ok(decoder);
+            match detector.look(&datagram) {
+                Ok(Some(decoder)) => return Ok(decoder),
+                Ok(None) => (),
+                Err(error) => other = Some(error),
             }
         }
-        Err(detector.not_found())
+        Err(other.unwrap_or_else(|| detector.not_found()))
     }
 
     /// The counts so far.

@@ -103,7 +103,7 @@ fn serve(mut stream: TcpStream, shared: &Shared) -> Result<(), Error> {
     match offered.find_map(|name| PROTOCOLS.into_iter().find(|own| *own == name)) {
         Some(protocol) if is_local => converse(stream, shared, HeaderValue::from_static(protocol)),
         _ => {
-            shared.refuse("expected a page of this machine and a protocol of Foxglove");
+            shared.refuse("expected a page of this machine, a protocol of Foxglove, and all of it in 8192 bytes at once");
             Ok(stream.write_all(b"HTTP/1.1 403 Forbidden\r\nConnection: close\r\n\r\n")?)
         }
     }

@@ -1,6 +1,6 @@
 //! `mluc-lab simulate`: writes a simulated data set.
 
-use super::terminal::{Progress, Threads, print_out};
+use super::terminal::{Threads, counted, print_out};
 use anyhow::Context;
 use clap::Args;
 use mluc_simulate::{ExportOptions, Step, export};
@@ -45,15 +45,7 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
 /// Simulates with a progress display, and returns the name of the data set.
 pub(super) fn export_with_progress(options: &ExportOptions) -> anyhow::Result<String> {
     let name = format!("{} {}", options.family.name(), options.split.name());
-    let total = options.indices().len() as u64;
-    let style = "{msg} [{bar:40}] {pos}/{len} {per_sec}, {eta} left";
-    let progress = Progress::new(&name, total, style);
-    let step = || {
-        progress.bar.inc(1);
-        let done = progress.bar.position();
-        progress.line(done == total, format_args!("{done}/{total} frames"));
-    };
-    export(options, step).with_context(|| format!("simulating {name}"))?;
-    progress.bar.finish_and_clear();
+    let done = counted(&name, options.indices().len(), |step| export(options, step));
+    done.with_context(|| format!("simulating {name}"))?;
     Ok(name)
 }

@@ -73,15 +73,21 @@ impl Progress {
     }
 }
 
-/// Runs `work` with a function that it calls after each frame; on a terminal a bar shows the count.
+/// Runs `work` with a function that it calls after each frame; a bar or a line now and then shows the count.
 pub(crate) fn counted<T>(
     what: &str,
     frames: usize,
     work: impl FnOnce(&(dyn Fn() + Sync)) -> T,
 ) -> T {
     let style = "{msg} [{bar:40}] {pos}/{len} frames, {per_sec}, {eta} left";
-    let bar = Progress::new(what, frames as u64, style).bar;
-    let result = work(&|| bar.inc(1));
+    let progress = Progress::new(what, frames as u64, style);
+    let bar = &progress.bar;
+    let result = work(&|| {
+        bar.inc(1);
+        let done = bar.position();
+        let is_last = done == frames as u64;
+        progress.line(is_last, format_args!("{what}: {done}/{frames} frames"));
+    });
     bar.finish_and_clear();
     result
 }

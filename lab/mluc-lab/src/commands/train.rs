@@ -22,10 +22,18 @@ pub(crate) struct Train {
     stream: bool,
 }
 
-/// The checked-out commit; `unknown` where git or a repository is not available.
+/// The commit of the checkout that this program was built in; `unknown` where git or a repository is not available.
 pub(super) fn commit() -> String {
     let mut git = std::process::Command::new("git");
-    let output = git.args(["rev-parse", "--short=12", "HEAD"]).output();
+    let output = git
+        .args([
+            "-C",
+            env!("CARGO_MANIFEST_DIR"),
+            "rev-parse",
+            "--short=12",
+            "HEAD",
+        ])
+        .output();
     let output = output.ok().filter(|output| output.status.success());
     let text = output.and_then(|output| String::from_utf8(output.stdout).ok());
     let commit = text.map(|text| text.trim().to_owned());

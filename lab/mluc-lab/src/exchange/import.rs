@@ -6,7 +6,7 @@ use mluc_model::{AnchorClass, Grid, HeadKind, Manifest, Network, Tensor, WeightS
 use mluc_train::export::empty_objectness_max;
 
 use super::checkpoint::{self, Checkpoint};
-use super::names::{tensor_names, unchanged_names};
+use super::names::{is_unchanged, tensor_names};
 
 /// A model that passes every check.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,10 +70,9 @@ fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> anyhow::Result<Import
         found.push((ours, theirs, shape, tensor));
     }
     let mut weights = WeightSet::new();
-    for name in unchanged_names(&manifest.network) {
-        if let Some(kept) = checkpoint.tensors.remove(&name) {
-            weights.insert(name, kept.shape, kept.data);
-        }
+    let is_kept = |name: &String, _: &mut _| is_unchanged(&manifest.network, name);
+    for (name, kept) in checkpoint.tensors.extract_if(.., is_kept) {
+        weights.insert(name, kept.shape, kept.data);
     }
     let mut others = checkpoint.tensors.keys();
     if let Some(tensor) = others.next() {

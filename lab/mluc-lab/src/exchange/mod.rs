@@ -17,7 +17,7 @@ use anyhow::Context;
 use mluc_model::{Model, WeightSet};
 
 use checkpoint::MANIFEST_KEY;
-use names::unchanged_names;
+use names::is_unchanged;
 
 /// The bytes of a model as such a file. Its metadata contains the manifest, so that [`import()`] restores the same model, and
 /// `format: pt`, which PyTorch's readers of safetensors require.
@@ -28,9 +28,9 @@ pub fn export(model: &Model) -> anyhow::Result<Vec<u8>> {
         let data = model.weights.get(&ours, &shape)?.to_vec();
         renamed.insert(theirs, shape, data);
     }
-    for name in unchanged_names(network) {
-        if let Some(kept) = model.weights.find(&name) {
-            renamed.insert(name, kept.shape.clone(), kept.data.clone());
+    for (name, kept) in model.weights.iter() {
+        if is_unchanged(network, name) {
+            renamed.insert(name.to_owned(), kept.shape.clone(), kept.data.clone());
         }
     }
     let manifest = serde_json::to_string(&model.manifest).context("the manifest")?;

@@ -4,7 +4,7 @@
 //! normalisation and ReLU of layer `i` have the indices 0, 1 + 3 i, 2 + 3 i and 3 + 3 i.
 
 use mluc_model::{
-    CLUSTER_SCORER, Network, calibrated_layers, calibration_tensor, expected_tensors,
+    BASELINE, CLUSTER_SCORER, Network, calibrated_layers, calibration_tensor, expected_tensors,
 };
 
 /// OpenPCDet's name of one of our tensors; heads that it does not have are named in the same way.
@@ -49,9 +49,9 @@ pub fn tensor_names(network: &Network) -> Vec<(String, String, Vec<usize>)> {
     named.collect()
 }
 
-/// Optional tensors that keep our names: calibration ranges and the cluster scorer.
-pub(super) fn unchanged_names(network: &Network) -> impl Iterator<Item = String> {
-    let ranges = calibrated_layers(network).into_iter();
-    let ranges = ranges.map(|(level, _)| calibration_tensor(&level));
-    ranges.chain([CLUSTER_SCORER.to_owned()])
+/// Whether an optional tensor keeps our name: a calibration range, the cluster scorer or a part of a baseline.
+pub(super) fn is_unchanged(network: &Network, name: &str) -> bool {
+    let is_range = |(level, _): &(String, _)| name == calibration_tensor(level);
+    let is_other = name == CLUSTER_SCORER || name.starts_with(BASELINE);
+    is_other || calibrated_layers(network).iter().any(is_range)
 }

@@ -101,8 +101,7 @@ pub(crate) fn mean_size_m(class: Class, family: Family) -> V3 {
         (Class::Cyclist, _) => v(1.76, 0.6, 1.74),
         (Class::GolfCart, _) => v(2.8, 1.25, 1.88),
         (Class::Forklift, _) => v(3.4, 1.25, 2.2),
-        (Class::Unseen(class), _) => class.mean_size_m(),
-        (Class::SyntheticUnknown, _) => unreachable!("has no mean of its own"),
+        (Class::Unseen(_) | Class::SyntheticUnknown, _) => unreachable!("no mean of its own"),
     }
 }
 

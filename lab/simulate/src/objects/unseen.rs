@@ -114,10 +114,6 @@ impl Unseen {
         self.row().habit
     }
 
-    pub(super) fn mean_size_m(self) -> V3 {
-        V3::from(self.row().size_m.map(|[low, high]| (low + high) / 2.0))
-    }
-
     pub(super) fn row(self) -> &'static Row {
         &TABLE.class[usize::from(self.0)]
     }

@@ -64,7 +64,8 @@ pub fn doctor(args: &DoctorArgs, open: Option<Open>) -> anyhow::Result<ExitCode>
         let sensor = sensor.map_err(|error| UsageError(error.to_string()))?;
         let expected = Expected::new(&model.manifest, sensor);
         let (layout, open) = (args.layout.layout()?, open.unwrap_or(Source::open));
-        findings.extend(input::findings(input, &layout, &expected, open)?);
+        let told = input::findings(input, &layout, &expected, open);
+        findings.extend(told.unwrap_or_else(|error| vec![(Failure, format!("{error:#}"))]));
     }
     for (verdict, text) in &findings {
         let word = match verdict {

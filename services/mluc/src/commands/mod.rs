@@ -12,7 +12,7 @@ mod up;
 
 use std::{os::unix::process::CommandExt, process::ExitCode};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use mluc_runtime::{ClaimNote, Instance, Shell, log_to_stderr};
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -52,7 +52,10 @@ pub(crate) fn reload(name: Option<&str>) -> Result<ExitCode> {
     for _ in 0..7000 {
         std::thread::sleep(std::time::Duration::from_millis(10));
         match control.look().answer.clone() {
-            (count, ..) if count == before => (),
+            (count, ..) if count <= before => {
+                let is_there = ClaimNote::of_living(&instance, "pipeline").is_some();
+                ensure!(is_there, "the pipeline ended before it answered");
+            }
             (_, true, text) => return Err(crate::UsageError(text).into()),
             (_, false, text) => return print_out(text).map(|()| ExitCode::SUCCESS),
         }

@@ -98,6 +98,6 @@ impl Summary {
             return outcome.exit_code();
         };
         print_err(format_args!("no frame was usable: {why}"));
-        ExitCode::from(EXIT_FAILURE)
+        ExitCode::from([EXIT_FAILURE, 0][usize::from(outcome.is_interrupted)])
     }
 }

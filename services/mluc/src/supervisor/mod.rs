@@ -160,6 +160,8 @@ fn supervise(
     out: &mut Out,
 ) -> anyhow::Result<Outcome> {
     let is_asked_to_reload = mluc_runtime::reload_flag()?;
+    // First: an ingest that is left may hold the input's port.
+    predecessor::end_orphans(&settings.instance);
     let (source, model) = check_before(&settings)?;
     if !settings.complete_from(&model) {
         let (name, variant) = (&settings.model, settings.refiner.variant.name());
@@ -167,7 +169,6 @@ fn supervise(
             "model '{name}' has no scores for the operating profiles with the refiner {variant}: it runs as with --profile all"
         );
     }
-    predecessor::end_orphans(&settings.instance);
     let mut shell = Shell::observer(&settings.instance, Some(ROLE), shutdown)?;
     if shell.has_dead() {
         predecessor::clean(&settings.instance)?;

@@ -54,11 +54,10 @@ pub(super) struct Measurer {
 
 /// HDL-64E at 10 Hz, rad: 0.1728 degrees between columns, 26.8 degrees over 64 beams.
 const STEPS_DEFAULT_RAD: [f32; 2] = [0.003_015_929, 0.007_425];
-/// Without beams in the model, returns are counted between these elevations (tangents of -8 and -2 degrees), where hardly a ray is lost. Every
-/// `SAMPLE`-th point is used; fewer than `SAMPLED_MIN` are too few.
+/// Without beams in the model, returns are counted between these elevations (tangents of -8 and -2 degrees), where hardly a ray is lost. Fewer
+/// than `COUNTED_MIN` are too few.
 const BAND: [f32; 2] = [-0.1405, -0.0349];
-const SAMPLE: usize = 16;
-const SAMPLED_MIN: u32 = 30;
+const COUNTED_MIN: u32 = 480;
 /// Directions are distinguished by octant and by the ratio of the shorter side to the longer one, in this many steps.
 const RATIOS: u32 = 4;
 const DENSITY_MAX: f32 = 10.0;
@@ -89,7 +88,7 @@ impl Measurer {
             return;
         }
         let (mut count, mut seen) = (0u32, 0u32);
-        for point in points.iter().step_by(SAMPLE) {
+        for point in points {
             let [x, y, z] = point.at_m;
             let distance = (x * x + y * y).sqrt();
             if z > BAND[0] * distance && z < BAND[1] * distance {
@@ -102,10 +101,9 @@ impl Measurer {
             }
         }
         self.steps_rad = STEPS_DEFAULT_RAD;
-        if count >= SAMPLED_MIN {
+        if count >= COUNTED_MIN {
             let seen_rad = std::f32::consts::TAU * seen.count_ones() as f32 / u32::BITS as f32;
-            let returns = (count * SAMPLE as u32) as f32;
-            self.steps_rad[1] = (BAND[1] - BAND[0]) * seen_rad / (returns * self.steps_rad[0]);
+            self.steps_rad[1] = (BAND[1] - BAND[0]) * seen_rad / (count as f32 * self.steps_rad[0]);
         }
     }
 

@@ -4,8 +4,8 @@
 //! Cells of 25 cm within the join distance of each other are united. A component larger than one object can be is divided by shorter
 //! join distances, at last by cutting. A cluster's box is fitted on request.
 //!
-//! [`FrameClusterer`] finds all clusters of a scan. The refiner only requests the clusters near its candidates: they are the
-//! same, and tiles that no requested cluster comes near are not processed.
+//! The refiner only requests the clusters near its candidates: they are the same as in the whole scan, and tiles that no requested cluster
+//! comes near are not processed.
 
 mod cells;
 mod divide;
@@ -18,11 +18,11 @@ pub use measure::Measures;
 use std::ops::Range;
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::{POINTS_MAX, Point};
+use mluc_ipc_types::Point;
 
 use crate::fit::{Fitter, Footprint};
 use crate::frame::{FrameIndex, IndexedPoint};
-use crate::{RefinerError, Sensor, Settings};
+use crate::{Sensor, Settings};
 use cells::Cells;
 use divide::Divider;
 pub(crate) use matching::Matcher;
@@ -31,7 +31,7 @@ use mluc_geometry::ground::tiles::low_corner_m;
 use mluc_geometry::ground::{GroundGrid, ground_height_m};
 
 /// The number that means no cluster.
-pub const NO_CLUSTER: u32 = u32::MAX;
+const NO_CLUSTER: u32 = u32::MAX;
 
 /// A cluster of points that stand on the ground.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,64 +44,6 @@ pub struct FrameCluster {
     pub footprint: Footprint,
     /// Measurements for a classifier.
     pub measures: Measures,
-}
-
-/// All clusters of one frame; buffers are reused.
-#[derive(Debug, Default)]
-pub struct FrameClusters {
-    /// Clusters with most points first.
-    pub clusters: Vec<FrameCluster>,
-    /// Indices into the scan, ascending within each cluster.
-    pub points: Vec<u32>,
-    /// For each point of the scan, the number of its cluster, or [`NO_CLUSTER`].
-    pub cluster_of_point: Vec<u32>,
-}
-
-impl FrameClusters {
-    /// Indices of a cluster's points into the scan.
-    pub fn points_of(&self, cluster: &FrameCluster) -> &[u32] {
-        self.points.get(cluster.points.clone()).unwrap_or(&[])
-    }
-}
-
-/// Finds all clusters of each frame; all buffers are allocated once.
-#[derive(Debug)]
-pub struct FrameClusterer {
-    frame: FrameIndex,
-    finder: ClusterFinder,
-}
-
-impl FrameClusterer {
-    /// Returns an error for invalid settings.
-    pub fn new(settings: &Settings, sensor: &Sensor) -> Result<FrameClusterer, RefinerError> {
-        settings.check()?;
-        Ok(FrameClusterer {
-            frame: FrameIndex::default(),
-            finder: ClusterFinder::new(settings, sensor),
-        })
-    }
-
-    /// Finds all clusters of one scan with their boxes, clusters with most points first.
-    ///
-    /// Points that are not finite, beyond 128 m or beyond the contract's limit are left out.
-    pub fn find(&mut self, points: &[Point], out: &mut FrameClusters) {
-        self.frame.sort(points);
-        let all = self.frame.occupied_tiles();
-        self.finder.find_ground(&self.frame);
-        self.finder.cluster(&self.frame, &[], all);
-        out.clusters.clear();
-        out.points.clear();
-        out.cluster_of_point.clear();
-        out.cluster_of_point.reserve(POINTS_MAX);
-        out.cluster_of_point.resize(points.len(), NO_CLUSTER);
-        for number in 0..self.finder.count() {
-            let cluster = (self.finder).shape(points, number, &mut out.points);
-            for &index in &out.points[cluster.points.clone()] {
-                out.cluster_of_point[index as usize] = number as u32;
-            }
-            out.clusters.push(cluster);
-        }
-    }
 }
 
 /// Finds clusters in the points of a frame.

@@ -12,11 +12,10 @@ pub(crate) fn check_form(frame: &Frame, answer: &Answer, classes: usize) -> anyh
     let Some((indices_header, indices)) = &answer.indices else {
         bail!("objects came without object_points, which are published first");
     };
+    let [of_points, of_objects] = [indices_header, &answer.header].map(|h| (h.run_id, h.sequence));
     ensure!(
-        indices_header.sequence == answer.header.sequence,
-        "object_points of frame {} came with the objects of frame {}",
-        indices_header.sequence,
-        answer.header.sequence
+        of_points == of_objects,
+        "object_points of run and frame {of_points:?} came with the objects of {of_objects:?}"
     );
     Object::checked_points(indices_header, indices, frame.points_found())?;
     Ok(Object::checked_ranges(objects, indices.len())?)

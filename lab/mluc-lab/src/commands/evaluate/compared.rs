@@ -19,11 +19,11 @@ pub(super) struct Compared {
     #[arg(long, value_name = "DIR")]
     calib: Vec<PathBuf>,
     /// Known objects below this score are left out, as `mluc up` leaves them out.
-    #[arg(long, default_value_t = 0.0, value_name = "SCORE")]
-    min_score: f64,
+    #[arg(long, allow_negative_numbers = true, value_name = "SCORE")]
+    min_score: Option<f64>,
     /// Unknown objects below this score are left out.
-    #[arg(long, default_value_t = 0.0, value_name = "SCORE")]
-    min_unknown_score: f64,
+    #[arg(long, allow_negative_numbers = true, value_name = "SCORE")]
+    min_unknown_score: Option<f64>,
     #[command(flatten)]
     pub(super) request: RuleRequest,
 }
@@ -39,9 +39,9 @@ impl Compared {
         let mut input = read(&sources)?;
         for frame in &mut input.frames {
             frame.detections.retain(|object| {
-                let is_unknown = object.class == UNKNOWN;
+                let is_unknown = object.is(UNKNOWN);
                 let least = [self.min_score, self.min_unknown_score][usize::from(is_unknown)];
-                object.score.unwrap_or_default() >= least
+                least.is_none_or(|least| object.score.unwrap_or_default() >= least)
             });
         }
         for warning in &input.warnings {

@@ -144,6 +144,12 @@ impl Sender<'_> {
         missing.clone_into(&mut self.suspicion.missing);
         self.shell.health.frames_in += u64::from(is_new) + loaded.scan.missed;
         self.shell.health.frames_dropped += loaded.scan.missed;
+        if loaded.scan.missed > 0 {
+            tracing::warn!(
+                "passed over because newer scans came: {}",
+                loaded.scan.missed
+            );
+        }
         Ok(true)
     }
 
