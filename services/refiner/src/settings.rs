@@ -98,13 +98,13 @@ pub struct Settings {
     /// Points higher than this above the ground hang over the road, m, above 0 to 100: branches, bridges, signs.
     #[default(4.5)]
     pub height_max_m: f64,
-    /// Join distance at the sensor, m, above 0 to 100. Tuned on simulated validation scans, as the next two.
+    /// Join distance at the sensor, m, above 0 to 3.5. Tuned on simulated validation scans, as the next two.
     #[default(0.4)]
     pub join_m: f64,
     /// Join distance, m per m of range, 0 to 1, for the rays of an HDL-64E: the gap between them grows with range. Other rays scale it.
     #[default(0.0175)]
     pub join_per_range: f64,
-    /// Longest join distance, m, above 0 to 100.
+    /// Longest join distance, m, above 0 to 3.5.
     #[default(1.2)]
     pub join_max_m: f64,
     /// What the robot may drive over; in a file `[robot]`, a table of its own.
