@@ -440,9 +440,13 @@ class Source(Stage):
         counted; the supervisor publishes its count twice a second."""
         if self.run.run_id == 0:
             return ["the run"]
+        now_ns, missing = time.monotonic_ns(), []
         for stage, port in self.healths.items():
-            self.behind[stage] = newest(port, Health) or self.behind.get(stage)
-        missing = [stage for stage, told in self.behind.items() if not told or told.run_id != self.run.run_id or told.state not in (1, 2, 3)]
+            if (told := newest(port, Health)) is not None:
+                self.behind[stage] = told, now_ns
+            told, heard_ns = self.behind.get(stage, (Health(), 0))
+            if now_ns - heard_ns > SILENCE_NS or told.run_id != self.run.run_id or told.state not in (1, 2, 3):
+                missing.append(stage)
         self.status = newest(self.statuses, Status) or self.status
         if self.status is None or self.status.run_id != self.run.run_id or self.status.judged_ns < self.begun_ns:
             missing.append("the supervisor")

@@ -7,7 +7,7 @@ use mluc_ipc_types::FrameHeader;
 use mluc_refiner::{EgoEstimator, FrameIndex};
 use mluc_simulate::{ExportOptions, Family, Split, export};
 
-const DRIVES: u32 = 8;
+const DRIVES: u32 = 15;
 /// The scans of one second, and the scan at its start.
 const SCANS: usize = 11;
 

@@ -144,15 +144,11 @@ pub fn rules(request: &RuleRequest, frames: &[LabelledFrame]) -> Result<Vec<Clas
             "{class}: expected a class that is either known (--iou, --classes) or unknown (--unknown), found it in both"
         )));
     }
-    let is_evaluated =
-        |class: &str| request.classes.is_empty() || contains(&request.classes, class);
-    if let Some(class) = with_overlap
-        .clone()
-        .find(|class| contains(&[UNKNOWN.into()], class) || !is_evaluated(class))
-    {
-        return Err(EvaluateError::Input(format!(
-            "--iou {class}: expected a known class that --classes names, if it is given (the unknown have --unknown-iou)"
-        )));
+    let is_named = |class: &String| request.classes.is_empty() || contains(&request.classes, class);
+    let is_known = |class: &String| !class.eq_ignore_ascii_case(UNKNOWN) && is_named(class);
+    if let Some(class) = with_overlap.clone().find(|class| !is_known(class)) {
+        let text = format!("--iou {class}: expected a known class of --classes, if it is given");
+        return Err(EvaluateError::Input(text));
     }
     let mut known: Vec<String> = if request.classes.is_empty() {
         let kitti = KITTI_CLASSES.iter().map(|(class, _)| (*class).to_owned());

@@ -61,7 +61,7 @@ pub struct TrainSettings {
     #[arg(long, default_value_t = 400)]
     pub validate_frames: usize,
     /// Classes of labels that the network does not know, beside KITTI's and the simulator's: their place teaches nothing. Any other class is
-    /// an error: misspelt, its objects would be left out without a word.
+    /// an error: misspelt, its objects would be left out without a word. Cars, pedestrians and cyclists that it does not know stand for the unknown.
     #[arg(long = "ignore-classes", value_name = "CLASS,..")]
     #[arg(value_delimiter = ',')]
     pub ignored_classes: Vec<String>,

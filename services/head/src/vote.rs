@@ -9,8 +9,7 @@ use std::f64::consts::{FRAC_PI_4, PI};
 /// Minimum overlap, seen from above, at which a suppressed box may vote.
 pub(crate) const VOTE_IOU_MIN: f64 = 0.5;
 
-/// Sums, weighted by objectness, of the differences from a kept box (centre, logarithms of the sizes, yaw), and of the
-/// logits of the unknown.
+/// Sums, weighted by objectness, of the differences from a kept box (centre, logarithms of the sizes, yaw), and of the logits of the unknown.
 #[derive(Clone, Debug)]
 pub(crate) struct Votes {
     kept: Box3,

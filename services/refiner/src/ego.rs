@@ -65,8 +65,9 @@ pub struct EgoEstimator {
     place: Vec<u32>,
     earlier_taken: Option<Taken>,
     last: Option<Taken>,
-    /// Whether the source gives the poses, and the number of scans since it last gave one.
+    /// Whether the source gives the poses; the newest scan without a pose, and how many came since the last pose.
     is_told: bool,
+    untold: (u64, u64),
     /// The motion per scan, from the last match or from the source's last poses.
     step: Option<Isometry2<f64>>,
     /// Whether the last scan did not match.
@@ -90,6 +91,7 @@ impl EgoEstimator {
             sequence,
             pose,
         };
+        let is_bridged = self.untold.0 == sequence || self.untold.1 < UNTOLD_MAX;
         if header.ego.is_known == TOLD {
             let [x, y, _] = header.ego.position_m;
             let pose = Isometry2::new(Vector2::new(x, y), header.ego.yaw_rad);
@@ -97,9 +99,12 @@ impl EgoEstimator {
                 let before = known.zip(gap).filter(|_| self.is_told);
                 self.step = before.map(|(last, gap)| part(&last.pose, &pose, gap));
                 (self.last, self.is_told) = (Some(taken(pose)), true);
+                self.untold = (sequence, 0);
             }
             return Some(header.ego);
-        } else if self.is_told && gap.is_some_and(|gap| gap <= UNTOLD_MAX) {
+        } else if self.is_told && gap.is_some() && is_bridged {
+            let is_new = u64::from(self.untold.0 != sequence);
+            self.untold = (sequence, self.untold.1 + is_new);
             return self.step.map(|step| told(&after(&step), TOLD));
         } else if std::mem::take(&mut self.is_told) {
             (self.earlier_taken, self.last, self.step) = (None, None, None);
@@ -322,6 +327,22 @@ mod tests {
         assert_eq!(twice, [true, false], "twice is once too often");
         assert!(!is_told(7, 34, &scan) && is_told(7, 35, &scan));
         assert!(!is_told(8, 36, &scan), "another run");
+    }
+
+    #[test]
+    fn poses_that_are_missing_now_and_then_and_lost_scans_are_bridged() {
+        let mut estimator = EgoEstimator::default();
+        for sequence in [0, 1, 2, 3, 5, 6, 7, 10, 11, 14, 15] {
+            let (mut header, x_m) = (header(7, sequence), 1.5 * sequence as f64);
+            if [0, 1, 3, 7, 11].contains(&sequence) {
+                header.ego = EgoPose::new([x_m, 0.0, 0.0], 0.0, TOLD);
+            }
+            let found = estimator.estimate(&header, None).expect("a pose");
+            assert!(
+                (found.position_m[0] - x_m).abs() < 1e-9,
+                "{sequence}: {found:?}"
+            );
+        }
     }
 
     #[test]

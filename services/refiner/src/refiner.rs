@@ -2,8 +2,8 @@
 
 use mluc_geometry::{Box3, Inside};
 use mluc_ipc_types::{
-    DETECTIONS_MAX, Detection, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, ObjectKind, POINTS_MAX,
-    Point,
+    DETECTIONS_MAX, Detection, Disposition, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, ObjectKind,
+    POINTS_MAX, Point,
 };
 use mluc_model::{Beams, Model, Probabilities, ScoreMin};
 
@@ -242,7 +242,7 @@ impl Refiner {
         }
     }
 
-    /// Writes the output. Objects may share their points.
+    /// Writes the output. Objects share points; if not all points have room, each has its own: first the published objects, then the suppressed ones.
     fn write_out(&self, detections: &[Detection], out: &mut RefinerOutput) {
         out.objects.clear();
         out.object_points.clear();
@@ -269,13 +269,27 @@ impl Refiner {
             }
             out.objects.push(object);
         }
-        let room = self.points.len().min(OBJECT_POINTS_MAX);
-        out.object_points.extend_from_slice(&self.points[..room]);
-        out.counters.object_points_dropped += (self.points.len() - room) as u32;
-        for (proposal, object) in self.proposals.iter().zip(&mut out.objects) {
-            let (first, end) = proposal.points;
-            let [first, end] = [first, end].map(|at| at.min(room) as u32);
-            (object.points_first, object.points_count) = (first, end - first);
+        let has_room = self.points.len() <= OBJECT_POINTS_MAX;
+        if has_room {
+            out.object_points.extend_from_slice(&self.points);
+        }
+        for published in [true, false] {
+            for (proposal, object) in self.proposals.iter().zip(&mut out.objects) {
+                let counts = proposal.disposition == Disposition::Published && !proposal.is_doubted;
+                if counts != published {
+                    continue;
+                }
+                let (mut first, end) = proposal.points;
+                let mut count = end - first;
+                if !has_room {
+                    let own = &self.points[first..end];
+                    first = out.object_points.len();
+                    count = count.min(OBJECT_POINTS_MAX - first);
+                    out.object_points.extend_from_slice(&own[..count]);
+                    out.counters.object_points_dropped += (own.len() - count) as u32;
+                }
+                (object.points_first, object.points_count) = (first as u32, count as u32);
+            }
         }
     }
 }

@@ -122,11 +122,10 @@ where
             writeln!(writer, "{line}")?;
         }
         let mut repeats = REPEATS.lock().unwrap_or_else(PoisonError::into_inner);
-        let fields = words.fields.iter();
-        let told = fields.fold(words.message.clone(), |told, (name, value)| {
-            told + " " + name + "=" + value
-        });
-        if repeats.admit(level, &told, now_ns) {
+        let stage = words.fields.iter().find(|(name, _)| *name == "stage");
+        let stage = stage.map_or("", |(_, stage)| stage);
+        let told = format!("{} {stage}", words.message);
+        if repeats.admit(level, told.trim_end(), now_ns) {
             let line = log_line(self.process, level, &words.message, &words.fields);
             writeln!(writer, "{line}")?;
         }

@@ -50,7 +50,7 @@ impl CaptureScans {
             let (mut is_found, mut stamp_ns) = (false, None);
             let mut take = |turn: &Revolution| {
                 // A packet after a pause may end two turns; the second is a part of it.
-                if is_found {
+                if stamp_ns.is_some() {
                     return;
                 }
                 stamp_ns = Some(turn.received_ns);
@@ -105,9 +105,6 @@ pub(crate) fn calibration(layout: &Layout) -> Result<Option<Calibration>> {
     Calibration::parse(&text).map(Some).with_context(about)
 }
 
-/// Clocks of a sensor and of this computer that are further apart: the sensor's is not set, or this one's.
-const CLOCKS_APART_NS: u64 = 1_000_000_000;
-
 impl Scan {
     /// Fills the scan from a turn of the sensor.
     pub(crate) fn take(&mut self, turn: &Revolution, sequence: u64, layout: &Layout) {
@@ -127,8 +124,8 @@ impl Scan {
             self.flags = self.flags.with(Flags::TRUNCATED);
         }
         let stamps_ns = [turn.received_ns, turn.stamp_ns];
-        // A sensor whose clock nobody has set counts from its start.
-        let is_set = turn.is_utc && turn.stamp_ns.abs_diff(turn.received_ns) < CLOCKS_APART_NS;
+        // More than 1 s apart: a sensor whose clock nobody has set counts from its start.
+        let is_set = turn.is_utc && turn.stamp_ns.abs_diff(turn.received_ns) < 1_000_000_000;
         self.stamp_ns = Some(stamps_ns[usize::from(is_set)]);
         self.received_ns = Some(turn.received_ns);
         (self.offset_ns, self.pose) = (None, None);

@@ -196,12 +196,11 @@ impl Listener {
                 tracing::warn!("packets come, but no turn has ended for {NO_TURN:?}: {why}");
             }
             let dropped = self.receiver.dropped();
-            let missing = counts.lost + counts.damaged + counts.other_traffic + u64::from(dropped);
-            if missing != told.1 && told.0.elapsed() > TELL {
+            let missing = counts.lost + counts.damaged + u64::from(dropped);
+            if missing > told.1 && told.0.elapsed() > TELL {
                 told = (Instant::now(), missing);
                 let (lost, damaged, other) = (counts.lost, counts.damaged, counts.other_traffic);
-                let text = "packets are missing or from another sensor";
-                tracing::warn!(lost, damaged, other, dropped_by_system = dropped, "{text}");
+                tracing::warn!(lost, damaged, other, dropped, "packets are missing");
             }
         }
         Ok(())

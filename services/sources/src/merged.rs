@@ -1,7 +1,7 @@
 //! Merges scans of several sensors into frames: the first sensor's scan, and from each other sensor the next scan within a tolerance.
 //!
 //! Packets are matched by their time of arrival, which is one clock for all sensors; recordings by the stamps of their messages; folders by
-//! `timestamps.txt`; inputs without stamps by number. Each scan is in one frame at most.
+//! `timestamps.txt`, followed ones by the files' times; inputs without stamps by number. Each scan is in one frame at most.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};

@@ -96,9 +96,12 @@ impl Capture {
                 break;
             };
             match detector.look(&datagram) {
-                Ok(Some(decoder)) => return Ok(decoder),
+                Ok(Some(decoder)) => {
+                    other.inspect(|error| tracing::warn!("another sensor: {error}"));
+                    return Ok(decoder);
+                }
                 Ok(None) => (),
-                Err(error) => other = Some(error),
+                Err(error) => other = other.or(Some(error)),
             }
         }
         Err(other.unwrap_or_else(|| detector.not_found()))

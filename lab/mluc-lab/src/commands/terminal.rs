@@ -84,9 +84,11 @@ pub(crate) fn counted<T>(
     let bar = &progress.bar;
     let result = work(&|| {
         bar.inc(1);
-        let done = bar.position();
-        let is_last = done == frames as u64;
-        progress.line(is_last, format_args!("{what}: {done}/{frames} frames"));
+        let done = bar.position() as usize;
+        progress.line(
+            done == frames,
+            format_args!("{what}: {done}/{frames} frames"),
+        );
     });
     bar.finish_and_clear();
     result

@@ -52,6 +52,7 @@ pub fn tensor_names(network: &Network) -> Vec<(String, String, Vec<usize>)> {
 /// Whether an optional tensor keeps our name: a calibration range, the cluster scorer or a part of a baseline.
 pub(super) fn is_unchanged(network: &Network, name: &str) -> bool {
     let is_range = |(level, _): &(String, _)| name == calibration_tensor(level);
-    let is_other = name == CLUSTER_SCORER || name.starts_with(BASELINE);
-    is_other || calibrated_layers(network).iter().any(is_range)
+    name == CLUSTER_SCORER
+        || name.starts_with(BASELINE)
+        || calibrated_layers(network).iter().any(is_range)
 }

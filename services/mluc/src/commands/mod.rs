@@ -42,7 +42,8 @@ pub(crate) fn config(prints: bool, pipeline: PipelineArgs) -> Result<ExitCode> {
 pub(crate) fn reload(name: Option<&str>) -> Result<ExitCode> {
     let instance = observe::instance(name)?;
     let supervisor = ClaimNote::of_living(&instance, "pipeline");
-    let supervisor = supervisor.and_then(|note| Pid::from_raw(note.pid as i32));
+    let asked = supervisor.as_ref().map_or(0, |note| note.pid);
+    let supervisor = Pid::from_raw(asked as i32);
     let about = || format!("no `mluc up` runs as '{}'", instance.name());
     let supervisor = supervisor.with_context(about)?;
     let mut control = ControlWatch::new(&instance);
@@ -53,8 +54,11 @@ pub(crate) fn reload(name: Option<&str>) -> Result<ExitCode> {
         std::thread::sleep(std::time::Duration::from_millis(10));
         match control.look().answer.clone() {
             (count, ..) if count <= before => {
-                let is_there = ClaimNote::of_living(&instance, "pipeline").is_some();
-                ensure!(is_there, "the pipeline ended before it answered");
+                let living = ClaimNote::of_living(&instance, "pipeline").map(|note| note.pid);
+                ensure!(
+                    living == Some(asked),
+                    "the pipeline ended before it answered"
+                );
             }
             (_, true, text) => return Err(crate::UsageError(text).into()),
             (_, false, text) => return print_out(text).map(|()| ExitCode::SUCCESS),

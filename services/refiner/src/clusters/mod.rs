@@ -38,7 +38,7 @@ const NO_CLUSTER: u32 = u32::MAX;
 pub struct FrameCluster {
     /// Box around its points, down to the ground, completed away from the sensor; sensor frame, heading ambiguous by half a turn.
     pub shape: Box3,
-    /// Its points: a range of [`FrameClusters::points`].
+    /// Its points: a range of the frame's list of points.
     pub points: Range<usize>,
     /// Outline seen from above, in the sensor frame.
     pub footprint: Footprint,

@@ -51,10 +51,8 @@ const PATIENCE: Duration = Duration::from_secs(5);
 pub(crate) fn run(arguments: SensorArguments) -> Result<()> {
     match (&arguments.input, &arguments.sensor) {
         (Some(input), _) => estimate(input, &arguments),
-        (None, name) => {
-            let name = name.as_deref().unwrap_or_default();
-            show(&SensorProfile::load(name)?, arguments.picture.as_deref())
-        }
+        (None, Some(name)) => show(&SensorProfile::load(name)?, arguments.picture.as_deref()),
+        (None, None) => anyhow::bail!("expected --input or --sensor, found neither"),
     }
 }
 

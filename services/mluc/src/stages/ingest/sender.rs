@@ -144,11 +144,9 @@ impl Sender<'_> {
         missing.clone_into(&mut self.suspicion.missing);
         self.shell.health.frames_in += u64::from(is_new) + loaded.scan.missed;
         self.shell.health.frames_dropped += loaded.scan.missed;
-        if loaded.scan.missed > 0 {
-            tracing::warn!(
-                "passed over because newer scans came: {}",
-                loaded.scan.missed
-            );
+        // Before its first scan the run waits for the stages.
+        if loaded.scan.missed > 0 && sequence > 0 {
+            tracing::warn!(count = loaded.scan.missed, "scans were passed over");
         }
         Ok(true)
     }
