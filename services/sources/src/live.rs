@@ -197,6 +197,8 @@ impl Listener {
             }
             let dropped = self.receiver.dropped();
             let missing = counts.lost + counts.damaged + u64::from(dropped);
+            // Another decoder counts from 0.
+            told.1 = told.1.min(missing);
             if missing > told.1 && told.0.elapsed() > TELL {
                 told = (Instant::now(), missing);
                 let (lost, damaged, other) = (counts.lost, counts.damaged, counts.other_traffic);
