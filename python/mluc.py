@@ -238,6 +238,12 @@ class Member:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             return
+        # Another process that left at the same time may have removed all, and a new pipeline may have begun.
+        try:
+            if not os.path.samestat(os.fstat(self.lock.fileno()), os.stat(self.root + "/.lock")):
+                return
+        except FileNotFoundError:
+            return
         # The lock goes last: without it the next process begins the instance anew, under the same names.
         for path in glob.glob(self.root + ".*") + glob.glob(self.root + "/*"):
             shutil.rmtree(path, ignore_errors=True) if os.path.isdir(path) else os.unlink(path)

@@ -9,23 +9,21 @@ use crate::simd::Operand;
 pub struct Bf16(pub u16);
 
 /// A value of a row: [`f32`], [`Bf16`], [`u8`] (a multiple of a unit that the caller knows), or [`i16`] (the same values as [`u8`]).
-pub trait Element: Copy + Default + Send + Sync + Operand {
+pub trait Element: Copy + Default + Send + Sync + Operand + Into<f32> {
     /// Converts a sum in f32 to this type.
     fn from_f32(value: f32) -> Self;
 
     /// The same value as f32.
-    fn to_f32(self) -> f32;
+    #[inline(always)]
+    fn to_f32(self) -> f32 {
+        self.into()
+    }
 }
 
 impl Element for f32 {
     #[inline(always)]
     fn from_f32(value: f32) -> f32 {
         value
-    }
-
-    #[inline(always)]
-    fn to_f32(self) -> f32 {
-        self
     }
 }
 
@@ -38,10 +36,12 @@ impl Element for Bf16 {
         let quiet = (bits >> 16) | 0x40;
         Bf16(if value.is_nan() { quiet } else { rounded } as u16)
     }
+}
 
+impl From<Bf16> for f32 {
     #[inline(always)]
-    fn to_f32(self) -> f32 {
-        f32::from_bits(u32::from(self.0) << 16)
+    fn from(value: Bf16) -> f32 {
+        f32::from_bits(u32::from(value.0) << 16)
     }
 }
 
@@ -54,11 +54,6 @@ impl Element for u8 {
         // 1.5 * 2^23: at this size the low bits of an f32 are its integer value.
         (bounded + 12_582_912.0).to_bits() as u8
     }
-
-    #[inline(always)]
-    fn to_f32(self) -> f32 {
-        f32::from(self)
-    }
 }
 
 impl Element for i16 {
@@ -66,11 +61,6 @@ impl Element for i16 {
     #[inline(always)]
     fn from_f32(value: f32) -> i16 {
         i16::from(<u8 as Element>::from_f32(value))
-    }
-
-    #[inline(always)]
-    fn to_f32(self) -> f32 {
-        f32::from(self)
     }
 }
 

@@ -48,8 +48,7 @@ fn scans(folder: &Path) -> FrameSet {
 fn figures(model: &Model, shift_m: f32) -> Figures {
     let folder = tempfile::tempdir().expect("a folder");
     let set = scans(folder.path());
-    let mut frames =
-        detect_frames(Precision::default(), model, &set, || ()).expect("the model fits");
+    let mut frames = detect_frames(Precision::default(), model, &set, || ()).expect("it fits");
     for detection in frames.iter_mut().flat_map(|frame| &mut frame.detections) {
         detection.center_m[0] += shift_m;
     }

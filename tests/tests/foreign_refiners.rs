@@ -114,7 +114,6 @@ fn a_refiner_that_outlives_three_runs_loses_no_frame() {
             runs.push(setting.up("--without refiner").finish());
         }
         let log = refiner.stop().log;
-        println!("{command:?}");
         runs.iter().for_each(|run| run.assert_complete(0, 22));
         assert!(!log.contains("message refused"), "{log}");
         assert_eq!(leftovers(&setting.instance), [""; 0], "it leaves last");

@@ -122,17 +122,12 @@ fn half_made_segments_hang_no_restart() {
 }
 
 /// Runs `mluc up` with its own /dev/shm; `None`, with a message: that needs root.
-fn with_shared_memory(
-    setting: &Setting,
-    options: &str,
-    size: &str,
-    after: &str,
-) -> Option<Running> {
+fn with_shared_memory(setting: &Setting, more: &str, size: &str, after: &str) -> Option<Running> {
     if !geteuid().is_root() {
         skip("full shared memory", "only root can mount another /dev/shm");
         return None;
     }
-    let up = setting.up_command(options);
+    let up = setting.up_command(more);
     let script = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm; {after} exec \"$@\"");
     let mut command = Command::new("unshare");
     command.args(["--mount", "sh", "-c", &script, "sh"]);
@@ -183,7 +178,11 @@ fn another_user_reaches_nothing() {
     let mut other = Command::new("setpriv");
     other.args("--reuid=65534 --regid=65534 --clear-groups sh -c".split(' '));
     let output = other.arg(&script).output().expect("setpriv starts");
-    assert_eq!(String::from_utf8_lossy(&output.stdout), "");
+    let told = (
+        output.status.success(),
+        String::from_utf8_lossy(&output.stdout),
+    );
+    assert_eq!(told, (true, "".into()));
     run.wait_for_lines(5);
     setting.stop(run);
 }

@@ -92,8 +92,7 @@ fn nothing_is_written_where_something_is_wrong() {
     let root = benchmark(folder.path());
     let out = folder.path().join("out");
     let mut options = options(&root, None, out.clone());
-    let fault =
-        |options: &PrepareOptions| prepare(options, || ()).expect_err("a fault").to_string();
+    let fault = |given: &PrepareOptions| prepare(given, || ()).expect_err("a fault").to_string();
     options.split = "trainval".into();
     assert!(fault(&options).starts_with("split trainval: expected the list of its frames"));
     options.split = "train".into();

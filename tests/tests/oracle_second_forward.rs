@@ -86,13 +86,9 @@ fn level_name(title: &str) -> String {
 }
 
 /// Runs a frame and returns every level of the backbone.
-fn levels(
-    backbone: &mut Backbone,
-    points: &[[f32; 4]],
-    coverage: Coverage,
-) -> BTreeMap<String, Found> {
+fn levels(backbone: &mut Backbone, points: &[[f32; 4]], over: Coverage) -> BTreeMap<String, Found> {
     let mut found = BTreeMap::new();
-    backbone.run_observed(points, coverage, &mut |level: Level| {
+    backbone.run_observed(points, over, &mut |level: Level| {
         let rows = match level.place {
             Place::Sites(sites) => {
                 let sites = sites.coordinates().iter().enumerate();

@@ -91,7 +91,7 @@ fn stages_start_in_any_order_and_say_what_they_wait_for() {
             if name != "ingest" {
                 stage.signal(Signal::TERM);
             }
-            let patience = Duration::from_secs(if name == "ingest" { 60 } else { 1 });
+            let patience = Duration::from_secs(if name == "ingest" { 60 } else { 10 });
             let ended = stage.finish_within(patience);
             assert_eq!(ended.code, Some(0), "{}", ended.log);
         }

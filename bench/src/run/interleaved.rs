@@ -38,9 +38,7 @@ fn sides(plan: &Plan) -> [Side; 2] {
             let refiner = refiner.first();
             [own, other].map(|mluc| side(mluc.display().to_string(), mluc, refiner.cloned()))
         }
-        (None, refiners) => {
-            [0, 1].map(|n| side(refiners[n].clone(), own, Some(refiners[n].clone())))
-        }
+        (None, both) => [0, 1].map(|n| side(both[n].clone(), own, Some(both[n].clone()))),
     }
 }
 

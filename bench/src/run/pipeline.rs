@@ -40,12 +40,7 @@ pub(crate) struct Recording {
 }
 
 /// Runs the pipeline once; `number` is part of the instance's name, `what` of the progress line.
-pub(crate) fn record(
-    plan: &Plan,
-    number: u32,
-    what: &str,
-    progress: &ProgressBar,
-) -> Result<Recording> {
+pub(crate) fn record(plan: &Plan, number: u32, what: &str, bar: &ProgressBar) -> Result<Recording> {
     let instance = Instance::new(&format!("bench-{}-{number}", std::process::id()))?;
     let shutdown = Shutdown::on_signals()?;
     let shell = Shell::observer(&instance, None, shutdown)?;
@@ -58,7 +53,7 @@ pub(crate) fn record(
         classes: plan.model.manifest.classes.len(),
         recording: Recording::default(),
     };
-    recorder.run(plan, what, progress)?;
+    recorder.run(plan, what, bar)?;
     Ok(recorder.recording)
 }
 

@@ -9,6 +9,7 @@
 macro_rules! methods {
     ($(fn $name:ident($($argument:ident: $type:ty),*) -> $out:ty = $value:expr;)*) => {$(
         #[inline(always)]
+        #[allow(unused_unsafe)] // `plain` needs none.
         fn $name(self, $($argument: $type),*) -> $out {
             unsafe { $value }
         }

@@ -12,9 +12,13 @@ unsafe impl Simd for Plain {
     const LANES: usize = 4;
     const REGISTERS: usize = 16;
 
-    #[inline(always)]
-    fn splat(self, value: f32) -> [f32; 4] {
-        [value; 4]
+    methods! {
+        fn splat(value: f32) -> [f32; 4] = [value; 4];
+        fn splat_bits(lane: u32) -> [u32; 4] = [lane; 4];
+        fn add_bits(a: [u32; 4], b: [u32; 4]) -> [u32; 4] = std::array::from_fn(|lane| a[lane].wrapping_add(b[lane]));
+        fn sub_bits(a: [u32; 4], b: [u32; 4]) -> [u32; 4] = std::array::from_fn(|lane| a[lane].wrapping_sub(b[lane]));
+        fn add_shorts(a: [u32; 4], b: [u32; 4]) -> [u32; 4] = by_shorts(a, b, u16::wrapping_add);
+        fn sub_shorts(a: [u32; 4], b: [u32; 4]) -> [u32; 4] = by_shorts(a, b, u16::wrapping_sub);
     }
 
     // Not `mul_add`: without the instruction it is a call of a slow function.
@@ -22,11 +26,6 @@ unsafe impl Simd for Plain {
     fn fma(self, a: [f32; 4], b: [f32; 4], c: [f32; 4]) -> [f32; 4] {
         let sum = |lane| a[lane] * b[lane] + c[lane];
         [sum(0), sum(1), sum(2), sum(3)]
-    }
-
-    #[inline(always)]
-    fn splat_bits(self, lane: u32) -> [u32; 4] {
-        [lane; 4]
     }
 
     #[inline(always)]
@@ -49,11 +48,6 @@ unsafe impl Simd for Plain {
     }
 
     #[inline(always)]
-    fn add_bits(self, a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
-        std::array::from_fn(|lane| a[lane].wrapping_add(b[lane]))
-    }
-
-    #[inline(always)]
     fn dot_shorts(self, a: [u32; 4], b: [u32; 4], c: [u32; 4]) -> [u32; 4] {
         let product = |lane: usize, half: u32| {
             let (a, b) = (a[lane] >> half, b[lane] >> half);
@@ -61,21 +55,6 @@ unsafe impl Simd for Plain {
         };
         let pair = |lane| product(lane, 0).wrapping_add(product(lane, 16));
         std::array::from_fn(|lane| c[lane].wrapping_add_signed(pair(lane)))
-    }
-
-    #[inline(always)]
-    fn sub_bits(self, a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
-        std::array::from_fn(|lane| a[lane].wrapping_sub(b[lane]))
-    }
-
-    #[inline(always)]
-    fn add_shorts(self, a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
-        by_shorts(a, b, u16::wrapping_add)
-    }
-
-    #[inline(always)]
-    fn sub_shorts(self, a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
-        by_shorts(a, b, u16::wrapping_sub)
     }
 }
 

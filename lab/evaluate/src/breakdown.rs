@@ -60,18 +60,14 @@ impl Breakdown {
     }
 
     /// AP by the rings on the box; `rings` are the rings of these frames.
-    pub fn by_rings(
-        frames: &[LabelledFrame],
-        rings: &[FrameRings],
-        rules: &[ClassRule],
-    ) -> Breakdown {
+    pub fn by_rings(set: &[LabelledFrame], rings: &[FrameRings], rules: &[ClassRule]) -> Breakdown {
         let found = |rings: &usize| RINGS.iter().position(|(most, _)| rings <= most);
         let bin = |rings: &usize| found(rings).unwrap_or(5);
         let binned = rings.iter().map(|frame| {
             [&frame.labels, &frame.detections].map(|all| all.iter().map(bin).collect())
         });
         let bins = RINGS.map(|(_, name)| name);
-        Breakdown::of("rings", &bins, frames, &binned.collect::<Vec<_>>(), rules)
+        Breakdown::of("rings", &bins, set, &binned.collect::<Vec<_>>(), rules)
     }
 
     fn of(

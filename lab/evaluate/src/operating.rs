@@ -276,7 +276,7 @@ fn draws(drives: &[usize]) -> Vec<Vec<usize>> {
         let mut random = Random::new(1, &[number as u64]);
         let own = |drive: usize| {
             let (first, count) = (drives[..drive].iter().sum::<usize>(), drives[drive]);
-            let own = resample(count, BLOCK.min(count), &mut random);
+            let own = resample(count, BLOCK.min(count.div_ceil(2)), &mut random);
             own.into_iter().map(move |at| first + at)
         };
         let drawn = resample(drives.len(), 1, &mut Random::new(2, &[number as u64]));

@@ -185,12 +185,8 @@ pub fn unknown_classes(model_name: &str) -> Vec<String> {
 }
 
 /// One rule per known class at the paper's overlap in a model's setting (KITTI's, but 0.5 for cars elsewhere), then one for `unknown` if it has classes.
-pub fn paper_rules(
-    model_name: &str,
-    known: &[String],
-    unknown: &[String],
-) -> Result<Vec<ClassRule>> {
-    let is_other = |class: &&String| class.eq_ignore_ascii_case("car") && model_name != "kitti";
+pub fn paper_rules(model: &str, known: &[String], unknown: &[String]) -> Result<Vec<ClassRule>> {
+    let is_other = |class: &&String| class.eq_ignore_ascii_case("car") && model != "kitti";
     let cars = known.iter().filter(is_other);
     let request = RuleRequest {
         classes: known.to_vec(),

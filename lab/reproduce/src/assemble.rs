@@ -19,11 +19,7 @@ const FIGURE_6: &str = "Figure 6: the frame with most unknown objects within 32 
     objects are shown down to the score at which a method has one false alarm a frame, known ones from 0.3";
 
 /// Writes all files of the report, and returns the page's path.
-pub(crate) fn write_report(
-    options: &Options,
-    tests: &Tests,
-    screen: &dyn Screen,
-) -> Result<PathBuf> {
+pub(crate) fn write_report(options: &Options, tests: &Tests, tell: &dyn Screen) -> Result<PathBuf> {
     let layout = &options.layout();
     let mut report = ReproductionReport {
         provenance: provenance(options),
@@ -33,13 +29,12 @@ pub(crate) fn write_report(
     for test in tests.values() {
         let name = test.setting.name().to_owned();
         let evaluated = evaluations(options, test)?;
-        let row = |(method, seeds): (&&str, &Vec<Evaluated>)| {
-            Some(((*method).to_owned(), combine(seeds)?))
-        };
+        let row =
+            |(method, of): (&&str, &Vec<Evaluated>)| Some(((*method).to_owned(), combine(of)?));
         let rows = evaluated.iter().filter_map(row).collect();
         report.settings.insert(name.clone(), rows);
         let mut details = details(options, test, &evaluated)?;
-        let real = real_rows(layout, test, &evaluated, &options.real, screen)?;
+        let real = real_rows(layout, test, &evaluated, &options.real, tell)?;
         details["real"] = json!(real);
         report.details.insert(name, details);
         by_setting.push((test, evaluated));

@@ -68,17 +68,14 @@ pub(crate) fn plan(options: &Options) -> Vec<Step> {
 }
 
 /// KITTI's splits in the trainer's form, by purpose; training frames have no unknown object, the supervised network gets all frames.
-pub(crate) fn preparations(
-    splits: &Splits,
-    layout: &Layout,
-) -> [(&'static str, PrepareOptions); 3] {
+pub(crate) fn preparations(splits: &Splits, place: &Layout) -> [(&'static str, PrepareOptions); 3] {
     let of = |name, split: &str, drop_unknown, what, folder| {
         let options = PrepareOptions {
             splits: splits.clone(),
             split: split.to_owned(),
             drop_unknown,
             unknown: unknown_classes(Setting::Kitti.trainer_name()),
-            out: layout.data_of(Setting::Kitti, what).join(folder),
+            out: place.data_of(Setting::Kitti, what).join(folder),
         };
         (name, options)
     };

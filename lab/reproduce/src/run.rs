@@ -63,9 +63,7 @@ fn is_done(options: &Options, step: &Step) -> Result<bool> {
             let is_needed = options.train || *name == "test";
             Ok(!is_needed || of.out.is_dir())
         }
-        Work::Train(training) => {
-            Ok(!options.train || run_state(&training.folder)? == RunState::Done)
-        }
+        Work::Train(task) => Ok(!options.train || run_state(&task.folder)? == RunState::Done),
         // An evaluation is impossible where no network exists and none will be trained.
         Work::Evaluate(run) => {
             let folder = options.layout().run_of(*run);

@@ -36,7 +36,7 @@ pub struct ExportOptions {
     #[arg(long = "pair", value_name = "NAME|FILE", value_parser = |name: &str| SensorProfile::load(name).map(Box::new), conflicts_with = "sequence")]
     pub scanned_by: Option<Box<SensorProfile>>,
     /// Frames of a sequence at 10 Hz through one scene, in which the sensor and half of the objects move [default: every frame is a scene of its own].
-    /// Adds poses.txt and timestamps.txt; the frames that come first are not those of a data set without sequences.
+    /// Adds poses.txt and timestamps.txt. The scenes are those of a data set without sequences of the same seed.
     #[arg(long, value_parser = clap::value_parser!(u32).range(2..=100))]
     pub sequence: Option<u32>,
     /// The sensor of a sequence moves while it turns, too. Labels lie where objects are at the turn's end. Adds timed/, the same scans with a fifth column: the

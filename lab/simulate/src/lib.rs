@@ -310,9 +310,8 @@ fn simulated(options: &ExportOptions, number: u32) -> Result<Shown, SimulateErro
     }
     let mesh_error = |reason| SimulateError::Mesh(index, reason);
     let sweep = scan::sweep(&sensor, &scene).map_err(mesh_error)?;
-    let calibration = labels::calibration(family)?;
-    let mut frame =
-        labels::label(&calibration, &sensor, &scene, &solids, sweep).map_err(mesh_error)?;
+    let camera = labels::calibration(family)?;
+    let mut frame = labels::label(&camera, &sensor, &scene, &solids, sweep).map_err(mesh_error)?;
     let (normal, offset) = ground.plane(sensor_at);
     frame.plane = [normal.x, normal.y, normal.z, offset].map(f64::from);
     Ok((frame, sensor_at.to_array().map(f64::from)))

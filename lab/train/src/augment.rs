@@ -169,16 +169,18 @@ fn scale(scan: &mut LabelledScan, factor: f64) {
     }
 }
 
-/// Drops objects without a corner in range.
+/// Drops points out of range, and objects without a corner in range; counts the objects' points anew.
 pub fn crop(scan: &mut LabelledScan, grid: &Grid) {
     let ranges = [0, 1].map(|i| {
         let [low, high] = [grid.range_min_m[i], grid.range_max_m[i]].map(f64::from);
         low..=high
     });
-    scan.objects.retain(|object| {
-        let is_inside = |c: &[f64; 2]| (0..2).all(|i| ranges[i].contains(&c[i]));
-        object.bounds.footprint_m().iter().any(is_inside)
-    });
+    let is_inside = |c: &[f64; 2]| (0..2).all(|i| ranges[i].contains(&c[i]));
+    scan.points
+        .retain(|p| is_inside(&[p[0].into(), p[1].into()]));
+    let has_corner = |o: &LabelledObject| o.bounds.footprint_m().iter().any(is_inside);
+    scan.objects.retain(has_corner);
+    scan.count_points();
 }
 
 #[cfg(test)]

@@ -76,11 +76,8 @@ pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bo
             words.collect::<Vec<_>>().join(", ")
         };
         let expected = format!("a run with '{}'", only(fingerprint, found));
-        return Err(wrong(
-            path,
-            expected,
-            format!("'{}'", only(found, fingerprint)),
-        ));
+        let found = format!("'{}'", only(found, fingerprint));
+        return Err(wrong(path, expected, found));
     }
     let mut restored = state.clone();
     let adam = &mut restored.adam;

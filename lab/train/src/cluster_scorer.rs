@@ -75,9 +75,7 @@ fn proposed(
     let example = |(object, measures): (&Object, &Option<Measures>)| {
         let measures = measures.as_ref().filter(|_| object.is_published())?;
         let shape = Box3::from_f32(object.center_m, object.size_m, object.yaw_rad);
-        let is_object = synthetic
-            .iter()
-            .any(|bounds| iou_3d(&shape, bounds) > IOU_ON);
+        let is_object = synthetic.iter().any(|own| iou_3d(&shape, own) > IOU_ON);
         // Proposals on other labelled objects, which are neither learned nor unknown, are not used.
         let is_off = |bounds: &Box3| intersection_over_min_area(&shape, bounds) < SHARE_OFF;
         let is_nothing = synthetic.iter().chain(&others).all(is_off);

@@ -171,19 +171,14 @@ fn window_gather(
     });
 }
 
-fn window(
-    [y, x]: [usize; 2],
-    [rows, columns]: [usize; 2],
-    read: Option<&CellSet>,
-    taps: &mut [u32],
-) {
-    let inner = y > 0 && y + 1 < rows && x > 0 && x + 1 < columns;
+fn window([y, x]: [usize; 2], [rows, width]: [usize; 2], read: Option<&CellSet>, taps: &mut [u32]) {
+    let inner = y > 0 && y + 1 < rows && x > 0 && x + 1 < width;
     for (number, tap) in taps.iter_mut().enumerate() {
         // One more than the coordinates, so that they do not go below 0.
         let (y, x) = (y + number / 3, x + number % 3);
-        let inside = inner || ((1..=rows).contains(&y) && (1..=columns).contains(&x));
+        let inside = inner || ((1..=rows).contains(&y) && (1..=width).contains(&x));
         let worth = inside && read.is_none_or(|cells| cells.contains(y - 1, x - 1));
-        let cell = worth.then(|| ((y - 1) * columns + x - 1) as u32);
+        let cell = worth.then(|| ((y - 1) * width + x - 1) as u32);
         *tap = cell.unwrap_or(ABSENT);
     }
 }

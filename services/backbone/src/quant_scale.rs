@@ -19,12 +19,8 @@ impl QuantScale {
     }
 
     /// The scale of a layer's output, from the calibration of a checked model that has one.
-    pub(crate) fn of_layer(
-        weights: &WeightSet,
-        layer: &str,
-        channels: usize,
-    ) -> Result<QuantScale> {
-        let range = weights.range(layer, channels)?;
+    pub(crate) fn of_layer(weights: &WeightSet, layer: &str, count: usize) -> Result<QuantScale> {
+        let range = weights.range(layer, count)?;
         let scale = range.iter().map(|range| range / 255.0);
         Ok(QuantScale(Some(scale.collect())))
     }

@@ -8,7 +8,8 @@ use rayon::prelude::*;
 use crate::error::{BackboneError, Result};
 use crate::rulebooks::Rulebooks;
 use crate::trace::{Place, Watch};
-use crate::voxelize::{POINTS_A_TASK, PointCounts, VOXEL_CHANNELS, Voxels, localize, voxelize};
+use crate::voxelize::{NEAREST_SQUARED, POINTS_A_TASK, PointCounts, VOXEL_CHANNELS, Voxels};
+use crate::voxelize::{localize, voxelize};
 use crate::{convolution::Convolution, precision::Value, quant_scale::QuantScale, sites::Sites};
 
 /// Layers and the memory of one frame.
@@ -121,7 +122,7 @@ impl<V: Value> SparsePart<V> {
     }
 }
 
-/// Copies the points with their height above the ground as z.
+/// Copies the points with their height above the ground as z; a point at the origin gets a height out of range.
 fn level(points: &[[f32; 4]], ground_m: &[f32], levelled: &mut Vec<[f32; 4]>) {
     levelled.resize(points.len(), [0.0; 4]);
     let chunks = levelled.par_chunks_mut(POINTS_A_TASK);
@@ -129,7 +130,13 @@ fn level(points: &[[f32; 4]], ground_m: &[f32], levelled: &mut Vec<[f32; 4]>) {
         .zip(points.par_chunks(POINTS_A_TASK))
         .for_each(|(levelled, points)| {
             for (levelled, &[x, y, z, intensity]) in levelled.iter_mut().zip(points) {
-                *levelled = [x, y, z - ground_height_m(ground_m, [x, y]), intensity];
+                let is_return = x * x + y * y + z * z >= NEAREST_SQUARED;
+                let ground_m = if is_return {
+                    ground_height_m(ground_m, [x, y])
+                } else {
+                    f32::MIN
+                };
+                *levelled = [x, y, z - ground_m, intensity];
             }
         });
 }

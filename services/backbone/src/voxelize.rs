@@ -23,7 +23,7 @@ pub struct PointCounts {
     pub points: u32,
     /// Points left out because a coordinate or the intensity is NaN or infinite.
     pub non_finite: u32,
-    /// Points left out because they are outside the grid.
+    /// Points left out because they are outside the grid, or at the origin.
     pub out_of_range: u32,
     /// Points left out because they would have opened a voxel beyond `voxels_max`.
     pub over_voxels_max: u32,
@@ -125,6 +125,9 @@ fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
     counts
 }
 
+/// Square of the minimum range, m²: nearer are missing returns, and text or other numbers that are read as coordinates.
+pub(crate) const NEAREST_SQUARED: f32 = 0.01;
+
 /// Finds the address of each point's voxel.
 fn find(points: &[[f32; 4]], grid: &Grid, sites: &Sites, addresses: &mut [usize]) {
     let cells = grid.cells().map(|cells| cells as f32);
@@ -134,9 +137,10 @@ fn find(points: &[[f32; 4]], grid: &Grid, sites: &Sites, addresses: &mut [usize]
             let cell = [0, 1, 2].map(|i| (point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]);
             let inside = |i: usize| (cell[i] >= 0.0) & (cell[i] < cells[i]);
             let [x, y, z] = cell.map(|cell| cell as usize);
+            let near = point[0] * point[0] + point[1] * point[1] + point[2] * point[2];
             *address = if !point.iter().all(|value| value.is_finite()) {
                 NON_FINITE
-            } else if inside(0) & inside(1) & inside(2) {
+            } else if inside(0) & inside(1) & inside(2) & (near >= NEAREST_SQUARED) {
                 sites.address(z, y, x)
             } else {
                 OUT_OF_RANGE
@@ -197,6 +201,9 @@ mod tests {
         let mut voxels = std::collections::BTreeMap::<[usize; 3], Vec<[f32; 4]>>::new();
         let mut left_out = 0;
         for point in points {
+            if point[..3].iter().map(|v| v * v).sum::<f32>() < NEAREST_SQUARED {
+                continue;
+            }
             let at = [2, 1, 0]
                 .map(|i| ((point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]).floor());
             let cells = grid.cells();

@@ -57,11 +57,7 @@ pub fn decode_bin(bytes: &[u8], out: &mut [Point]) -> DecodeReport {
     })
 }
 
-fn decode_with(
-    bytes: &[u8],
-    points_max: usize,
-    mut keep: impl FnMut(usize, Point),
-) -> DecodeReport {
+fn decode_with(bytes: &[u8], most: usize, mut keep: impl FnMut(usize, Point)) -> DecodeReport {
     let (whole, trailing) = bytes.as_chunks::<POINT_BYTES>();
     let mut report = DecodeReport {
         points_in: whole.len() as u32,
@@ -73,7 +69,7 @@ fn decode_with(
         let point = point(chunk);
         if !point.is_finite() {
             report.dropped_not_finite += 1;
-        } else if kept == points_max {
+        } else if kept == most {
             report.dropped_over_limit += 1;
         } else {
             keep(kept, point);

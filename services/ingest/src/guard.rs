@@ -41,7 +41,7 @@ pub enum Reason {
     #[error("returns end {:.0} m away in nearly half of the directions, expected {:.0} m or more: raise the driver's range limit", .0, .1)]
     Range(f32, f32),
     /// The largest intensity, above 1.
-    #[error("intensities up to {:.0}, expected 0 to 1: read them with --intensity-scale {}", .0, if *.0 > 255.5 { "0.0000153" } else { "0.00392" })]
+    #[error("intensities up to {:.0}, expected 0 to 1: {}", .0.min(1e6), intensity_remedy(*.0))]
     IntensityScale(f32),
     /// All intensities are 0, and the model reads intensities.
     #[error(
@@ -398,6 +398,17 @@ impl Guard {
     }
 }
 
+/// What to do about a largest intensity. One that fits no usual scale is rather another quantity.
+fn intensity_remedy(most: f32) -> &'static str {
+    match most {
+        90.0..=255.5 => "read them with --intensity-scale 0.00392",
+        255.5..=65_535.5 => "read them with --intensity-scale 0.0000153",
+        _ => {
+            "is the fourth number the intensity? --columns names the columns, --intensity-scale scales it"
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -426,6 +437,25 @@ mod tests {
             bytemuck::cast::<[f32; 4], Point>([range_m * cos, range_m * sin, -height_m, 0.5])
         };
         (0..900 * 40).map(point).collect()
+    }
+
+    #[test]
+    fn a_tilt_beyond_the_limit_and_its_margin_is_told() {
+        let is_told = |pitch_deg| {
+            let found = SensorEstimate {
+                points: 20_000,
+                height_m: Some(1.5),
+                pitch_deg,
+                ..SensorEstimate::default()
+            };
+            let mut reasons = vec![];
+            expected(TAKES).judge(&found, &mut reasons);
+            reasons.iter().any(|r| r.flag() == Flags::SUSPECT_TILT)
+        };
+        assert_eq!(
+            [5.9, -5.9, 6.1, -6.1].map(is_told),
+            [false, false, true, true]
+        );
     }
 
     #[test]

@@ -116,9 +116,7 @@ fn merge(base: &mut Table, layer: Table, path: &str, tell: &mut dyn FnMut(String
         match (base.get_mut(&key), value) {
             // `track = true` keeps the table of an earlier layer.
             (Some(Value::Table(_)), Value::Boolean(true)) => (),
-            (Some(Value::Table(inner)), Value::Table(over)) => {
-                merge(inner, over, &inner_path, tell)
-            }
+            (Some(Value::Table(own)), Value::Table(over)) => merge(own, over, &inner_path, tell),
             (_, Value::Table(over)) => {
                 let mut inner = Table::new();
                 merge(&mut inner, over, &inner_path, tell);
@@ -154,6 +152,7 @@ fn rebase(layer: &mut Table, folder: &Path) {
         Value::String(format!("{scheme}{}", path.to_string_lossy()))
     };
     let is_path = |key: &str, name: &str| match key {
+        "input" if name.is_empty() || name == FOLLOW => false,
         "input" => name.starts_with(FOLLOW) || !is_live(Path::new(name)),
         "model" => model::built_in(name).is_none() && folder.join(name).exists(),
         "profile" => SensorProfile::names().all(|product| product != name),

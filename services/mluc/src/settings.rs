@@ -1,7 +1,7 @@
 //! What a run shall do: one document. The configuration file has its form, `mluc config --print` shows it, and the supervisor
 //! hands it to the stages. `docs/configuration.md` describes every key.
 
-use std::{f64::consts::TAU, ops::Index, path::PathBuf};
+use std::{collections::BTreeSet, f64::consts::TAU, ops::Index, path::PathBuf};
 
 use clap::ValueEnum;
 use mluc_backbone::Precision;
@@ -10,7 +10,7 @@ use mluc_kernels::Level;
 use mluc_model::{HeadKind, Model, ScoreMin, SensorProfile};
 use mluc_refiner::{RobotSettings, Settings as RefinerSettings, TrackSettings, Variant};
 use mluc_runtime::Instance;
-use mluc_sources::{Lidar, Open, Source, files::Layout, ros2_topic};
+use mluc_sources::{Lidar, Open, Source, files::Layout, is_incomplete, ros2_topic};
 use serde::{Deserialize, Serialize};
 use smart_default::SmartDefault;
 use toml::Table;
@@ -330,6 +330,21 @@ impl Settings {
             if let Some(value) = value.filter(|value| !(low..=high).contains(value)) {
                 return refused(format!("{key} must be {low} to {high}, found {value}"));
             }
+        }
+        let inputs = self.lidar.iter().map(|lidar| &lidar.input);
+        let mut inputs = inputs.chain(&self.input);
+        if let Some(input) = inputs.find(|input| is_incomplete(input)) {
+            let input = input.display();
+            return refused(format!(
+                "input: expected scans, udp:PORT, ros2:/TOPIC or follow:DIR, found '{input}'"
+            ));
+        }
+        let mut names = self.lidar.iter().map(|lidar| &lidar.name);
+        let mut seen = BTreeSet::new();
+        if let Some(name) = names.find(|name| name.is_empty() || !seen.insert(*name)) {
+            return refused(format!(
+                "name of [[lidar]]: expected another for each, found '{name}'"
+            ));
         }
         self.sensor.load()?;
         self.level()?;

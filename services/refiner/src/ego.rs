@@ -20,8 +20,8 @@ const RANGE_M: [f64; 2] = [3.0, 50.0];
 const SPREADS_M: [f64; 10] = [1.0, 0.8, 0.6, 0.45, 0.35, 0.25, 0.2, 0.15, 0.1, 0.1];
 /// Standard deviations of the change of motion, x, y (m) and yaw (rad): they count if the scans do not determine the motion.
 const CHANGE: [f64; 3] = [0.5, 0.5, 0.1];
-/// Speeds that are tried while none is known, m per scan ahead; a higher speed must improve the agreement by `BETTER_BY`.
-const FIRST_STEPS_M: [f64; 4] = [0.0, 1.0, 2.0, 3.0];
+/// Speeds that are tried while none is known, m per scan along x (a sensor may face back); a later one must improve the agreement by `BETTER_BY`.
+const FIRST_STEPS_M: [f64; 8] = [0.0, 1.0, -1.0, 2.0, -2.0, 3.0, -3.0, 4.0];
 const BETTER_BY: f64 = 0.05;
 /// Minimum agreement (mean weight of the tiles, 0 to 1) of a match.
 const AGREEMENT_MIN: f64 = 0.3;

@@ -45,18 +45,14 @@ pub(crate) fn merge(
 }
 
 /// The unknown objects that are not suppressed, best first; place and size decide ties, so the order of the detections does not matter.
-pub(crate) fn best_first(
-    order: &mut Vec<usize>,
-    proposals: &[Proposal],
-    value: impl Fn(&Proposal) -> f64,
-) {
+pub(crate) fn best_first(order: &mut Vec<usize>, all: &[Proposal], of: impl Fn(&Proposal) -> f64) {
     order.clear();
-    order.extend((0..proposals.len()).filter(|&i| proposals[i].is_standing()));
+    order.extend((0..all.len()).filter(|&i| all[i].is_standing()));
     order.sort_unstable_by(|&a, &b| {
-        let (a, b) = (&proposals[a], &proposals[b]);
+        let (a, b) = (&all[a], &all[b]);
         let place = |d: &Proposal| [d.shape.center_m, d.shape.size_m];
         let places = place(a).partial_cmp(&place(b));
-        (value(b).total_cmp(&value(a)))
+        (of(b).total_cmp(&of(a)))
             .then(places.unwrap_or(std::cmp::Ordering::Equal))
             .then(a.detection.cmp(&b.detection))
     });

@@ -156,6 +156,8 @@ impl Settings {
         let share = self.join_per_range;
         let is_share = (0.0..=1.0).contains(&share);
         let points_min = self.points_min.into();
+        let (high, is_far) = (self.height_max_m, self.join_max_m >= self.join_m);
+        let is_high = high > self.ground_clearance_m;
         let rules = [
             within("time_max_ms", "above 0 to 10,000 ms", self.time_max_ms, 1e4),
             within("points_min", "1 to 10,000 points", points_min, 1e4),
@@ -166,6 +168,8 @@ impl Settings {
             within("join_max_m", "above 0 to 3.5 m", self.join_max_m, 3.5),
             from_0("robot.height_min_m", self.robot.height_min_m),
             from_0("robot.width_min_m", self.robot.width_min_m),
+            ("height_max_m", "above ground_clearance_m", high, is_high),
+            ("join_max_m", "join_m or more", self.join_max_m, is_far),
         ];
         RefinerError::unless_all(rules)
     }

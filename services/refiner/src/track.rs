@@ -85,6 +85,7 @@ struct Sighting {
 #[derive(Clone, Copy, Debug, Default)]
 struct Track {
     id: u32,
+    /// Its first frame, among the frames that came.
     first: u64,
     seen: [Sighting; FRAMES_MAX],
     /// Number of sightings in the window.
@@ -215,7 +216,7 @@ impl Tracker {
         let nearest = near.min_by(|a, b| a.1.total_cmp(&b.1));
         let index = match nearest {
             Some((index, _)) => index,
-            None => self.begin(sighting.sequence)?,
+            None => self.begin(sighting.frame)?,
         };
         let track = &mut self.tracks[index];
         track.see(sighting);
@@ -314,7 +315,7 @@ impl Track {
         let moved_m = way_m(&newest, &oldest);
         let path_m: f64 = seen.windows(2).map(|pair| way_m(&pair[0], &pair[1])).sum();
         let moves = has_pose && moved_m >= MOVED_MIN_M.max(STRAIGHT_MIN * path_m);
-        let age = newest.sequence - self.first;
+        let age = newest.frame - self.first;
         let motion = match moves {
             true => MOVING,
             false if has_pose && age + 1 >= u64::from(settings.window) => STILL,

@@ -50,19 +50,14 @@ fn tracker() -> Tracker {
 }
 
 /// An unknown object with a probability, after each of 14 updates, at (20 + speed x time, 1); the sensor does not move.
-fn judged(
-    disposition: Disposition,
-    probability: f32,
-    speed_mps: f32,
-    is_known: u32,
-) -> Vec<Object> {
+fn judged(disposition: Disposition, likely: f32, speed_mps: f32, is_known: u32) -> Vec<Object> {
     let mut tracker = tracker();
     let ego = EgoPose::new([0.0; 3], 0.0, is_known);
     let mut see = |sequence| {
         let x_m = 20.0 + 0.1 * speed_mps * sequence as f32;
         let mut unknown = object(ObjectKind::Unknown, x_m, 1.0, 0.1);
         unknown.disposition = disposition as u32;
-        unknown.tell_probability(probability);
+        unknown.tell_probability(likely);
         update(&mut tracker, sequence, &ego, &[unknown])[0]
     };
     (0..14).map(&mut see).collect()

@@ -27,8 +27,16 @@ struct Writers {
     participant: DomainParticipant,
 }
 
+/// The start of the topics' names: `/mluc`, and `/mluc_NAME` for another instance, so that two pipelines have topics of their own.
+fn prefix(instance: &str) -> String {
+    match instance {
+        Instance::DEFAULT => "/mluc".to_owned(),
+        name => format!("/mluc_{}", name.replace('-', "_")),
+    }
+}
+
 impl Writers {
-    fn join() -> anyhow::Result<Writers> {
+    fn join(instance: &str) -> anyhow::Result<Writers> {
         let participant = join()?;
         let publisher = participant.create_publisher(&QosPolicyBuilder::new().build())?;
         let mut writers = vec![];
@@ -36,9 +44,10 @@ impl Writers {
             let [depth, behind] = [DEPTH, BEHIND_MAX].map(|of| of[usize::from(place > 0)]);
             let reliable = QosPolicyBuilder::new().reliable(Duration::ZERO);
             let qos = keep(reliable, depth, behind);
-            let topic = topic(&participant, own.name, own.schema, &qos)?;
+            let name = own.name.replacen("/mluc", &prefix(instance), 1);
+            let topic = topic(&participant, &name, own.schema, &qos)?;
             let writer = publisher.create_datawriter_no_key(&topic, Some(qos));
-            writers.push((writer.with_context(|| format!("topic {}", own.name))?, 0));
+            writers.push((writer.with_context(|| format!("topic {name}"))?, 0));
         }
         Ok(Writers {
             writers,
@@ -72,7 +81,8 @@ impl Writers {
 
 pub(crate) fn publish(instance: Option<Instance>) -> anyhow::Result<()> {
     let mut follower = Follower::open(instance)?;
-    let (first, mut patience) = (Writers::join()?, Patience::default());
+    let instance = follower.shell.instance().name().to_owned();
+    let (first, mut patience) = (Writers::join(&instance)?, Patience::default());
     let domain = first.participant.domain_id();
     let (mut topics, mut asked) = (Some(first), Instant::now());
     tracing::info!(domain, "publishing; Ctrl-C ends it");
@@ -84,7 +94,7 @@ pub(crate) fn publish(instance: Option<Instance>) -> anyhow::Result<()> {
         if patience.is_over(are_heard) || have_lost || was_still {
             // Drop the old participant first, to free its ports: others may know this process only by its ports.
             drop(topics.take());
-            topics = anew(Writers::join());
+            topics = anew(Writers::join(&instance));
         }
         let writers = topics.iter().flat_map(|topics| &topics.writers);
         // The writers are in the order of the messages; the frame's line has no writer.

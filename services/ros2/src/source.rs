@@ -81,7 +81,11 @@ impl Topics {
         let mut poses = vec![];
         let topic = layout.odometry.as_deref().unwrap_or(ODOM);
         if layout.deskew {
-            let schema = if topic == TF[0] { TRANSFORMS } else { ODOMETRY };
+            let schema = if topic.trim_start_matches('/') == TF[0].trim_start_matches('/') {
+                TRANSFORMS
+            } else {
+                ODOMETRY
+            };
             let moving = read(sensor_data(), topic, schema, POSES_MAX, POSES_MAX)?;
             let fixed = read(latched(), TF[1], TRANSFORMS, FIXED_MAX, FIXED_MAX)?;
             poses = vec![(fixed, TRANSFORMS, true), (moving, schema, false)];

@@ -217,7 +217,7 @@ if "moving" in sys.argv:
     move(participant, scans)
     sys.exit()
 writer = DataWriter(participant, Topic(participant, "rt/points", PointCloud2), qos=sensor_data)
-reader = DataReader(participant, Topic(participant, "rt/mluc/objects", Detection3DArray), qos=default)
+reader = DataReader(participant, Topic(participant, f"rt/{sys.argv[3]}/objects", Detection3DArray), qos=default)
 
 begun, missing, sent = time.monotonic(), set(range(1, len(scans) + 1)), 0
 while missing:

@@ -45,7 +45,9 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
     doctor.env("ROS_DOMAIN_ID", &domain).stdout(Stdio::piped());
     let doctor = doctor.spawn().expect("started");
     // Cyclone's script compares the objects of each cloud with the objects of its file.
-    let cyclone = start(cyclone.args([scans, told])).finish_within(Duration::from_secs(120));
+    let topics = format!("mluc_{}", setting.instance.replace('-', "_"));
+    let cyclone = cyclone.args([scans, told]).arg(topics);
+    let cyclone = start(cyclone).finish_within(Duration::from_secs(120));
     let log = [&*cyclone.log, &run.log(), &publish.log()].concat();
     assert_eq!(cyclone.code, Some(0), "{log}");
     let doctor = doctor.wait_with_output().expect("ended").stdout;

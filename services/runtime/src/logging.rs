@@ -13,6 +13,7 @@ use serde_json::json;
 use tracing::Level;
 use tracing::field::{Field, Visit};
 use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::LevelFilter;
 use tracing_subscriber::prelude::*;
 
 use crate::monotonic_ns;
@@ -81,7 +82,18 @@ fn sums(now_ns: u64) -> Vec<String> {
 pub fn log_to_stderr(process: &'static str, default_filter: &str) {
     let given = std::env::var("MLUC_LOG").unwrap_or_default();
     let given = Some(given).filter(|words| !words.is_empty());
-    let filter = given.and_then(|words| EnvFilter::try_new(words).ok());
+    // A word that is no level would be a module's name, and nothing would be logged.
+    let is_module =
+        |words: &str| !words.contains(['=', ',']) && words.parse::<LevelFilter>().is_err();
+    let read = |words: &String| EnvFilter::try_new(words).ok().filter(|_| !is_module(words));
+    let filter = given.as_ref().and_then(read);
+    if let (Some(words), None) = (&given, &filter) {
+        let text = format!(
+            "MLUC_LOG: expected a level (error, warn, info, debug, trace) or MODULE=LEVEL,.., found {words}"
+        );
+        let line = log_line(process, Level::WARN, &text, &[]);
+        let _ = PatientStderr(Duration::ZERO).write_all(format!("{line}\n").as_bytes());
+    }
     let filter = filter.unwrap_or_else(|| EnvFilter::new(default_filter));
     let lines = tracing_subscriber::fmt::layer()
         .with_writer(|| PatientStderr(Duration::ZERO))

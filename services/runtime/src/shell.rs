@@ -89,12 +89,7 @@ impl Shell {
         Shell::join(instance, role, role.is_none(), shutdown)
     }
 
-    fn join(
-        instance: &Instance,
-        role: Option<&str>,
-        cleans: bool,
-        shutdown: Shutdown,
-    ) -> Result<Shell> {
+    fn join(instance: &Instance, role: Option<&str>, cleans: bool, end: Shutdown) -> Result<Shell> {
         let name = role.unwrap_or("observer");
         let (membership, claim) = join_as(instance, role)?;
         let node = IpcNode::join(instance, name, cleans)?;
@@ -109,7 +104,7 @@ impl Shell {
             prefaults: true,
             prefault: Prefault::default(),
             touched_ns: 0,
-            shutdown,
+            shutdown: end,
             manager: role.and_then(|_| Manager::from_environment()),
             silence: None,
             health: Health {

@@ -1,7 +1,7 @@
 //! SIGTERM and SIGINT set one flag, SIGHUP sets another. The loops check these flags.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, LazyLock};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
@@ -13,14 +13,15 @@ use crate::{RuntimeError, error::Result};
 pub struct Shutdown(Arc<AtomicBool>);
 
 impl Shutdown {
-    /// Listens for SIGTERM and SIGINT. Repeated signals have no further effect: the process always cleans up. SIGQUIT and SIGKILL end it at once.
+    /// Listens for SIGTERM and SIGINT; the process has one such flag, so none is missed between two connections. Repeated signals have no
+    /// further effect: the process always cleans up. SIGQUIT and SIGKILL end it at once.
     pub fn on_signals() -> Result<Shutdown> {
-        let shutdown = Shutdown::default();
+        static ASKED: LazyLock<Shutdown> = LazyLock::new(Shutdown::default);
         for signal in [SIGTERM, SIGINT] {
             let failed = RuntimeError::io("listening for signals", "SIGTERM, SIGINT");
-            flag::register(signal, shutdown.0.clone()).map_err(failed)?;
+            flag::register(signal, ASKED.0.clone()).map_err(failed)?;
         }
-        Ok(shutdown)
+        Ok(ASKED.clone())
     }
 
     /// Asks this process to end.

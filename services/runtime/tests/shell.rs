@@ -14,14 +14,10 @@ fn stage(instance: &Instance, stage: Stage) -> Shell {
 }
 
 /// The shells of a producer and a consumer, the producer's output and the consumer's input.
-fn pair<T: Payload>(
-    label: &str,
-    topic: &Topic,
-    elements_max: usize,
-) -> ([Shell; 2], Output<T>, Input<T>) {
+fn pair<T: Payload>(label: &str, topic: &Topic, most: usize) -> ([Shell; 2], Output<T>, Input<T>) {
     let instance = instance(label);
     let mut shells = [Stage::Ingest, Stage::Backbone].map(|name| stage(&instance, name));
-    let output = shells[0].output(topic, elements_max).unwrap();
+    let output = shells[0].output(topic, most).unwrap();
     let input = shells[1].input(topic).unwrap();
     (shells, output, input)
 }
@@ -69,9 +65,7 @@ fn an_empty_message_arrives_and_an_unsent_one_does_not() {
     let found = (message.header().sequence, message.elements().len());
     assert_eq!(found, (1, 0));
     let error = output.loan(&header, 101).err();
-    assert!(
-        matches!(error, Some(RuntimeError::Failed(words)) if words.starts_with("topic points"))
-    );
+    assert!(matches!(error, Some(RuntimeError::Failed(why)) if why.starts_with("topic points")));
 }
 
 #[test]

@@ -174,6 +174,45 @@ mod tests {
     }
 
     #[test]
+    fn of_two_turns_that_end_in_a_packet_the_second_is_none() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        // Columns 0.41 degrees apart: turns end within packets. Packet 37 comes after a second of silence.
+        let ns = |n: u64| HOUR_NS + n * 1_327_104 + u64::from(n > 36) * 1_000_000_000;
+        let packet = |n: u64| ethernet(&velodyne([34, 1, 41, 55, 0], n as u32, ns(n)));
+        let packets = (0..37).chain(73..221).map(packet).collect::<Vec<_>>();
+        std::fs::write(file.path(), pcap(&packets)).unwrap();
+        let mut scans = CaptureScans::open(file.path(), &Layout::default()).unwrap();
+        let points = [0, 1, 2].map(|sequence| {
+            let mut scan = Scan::default();
+            load(&mut scans, sequence, false, &mut scan);
+            scan.bytes.len() / 16
+        });
+        assert_eq!(points, [37 * 384, 878 * 32, 878 * 32]);
+    }
+
+    #[test]
+    fn a_clock_that_nobody_has_set_gives_no_stamps() {
+        let stamp_ms = |(stamp_ns, is_utc)| {
+            let received_ns = 10_000_000_000;
+            let turn = Revolution {
+                stamp_ns,
+                is_utc,
+                received_ns,
+                ..Revolution::default()
+            };
+            let mut scan = Scan::default();
+            scan.take(&turn, 0, &Layout::default());
+            scan.stamp_ns.unwrap() / 1_000_000
+        };
+        let clocks = [
+            (9_001_000_000, true),
+            (9_000_000_000, true),
+            (9_900_000_000, false),
+        ];
+        assert_eq!(clocks.map(stamp_ms), [9001, 10_000, 10_000]);
+    }
+
+    #[test]
     fn points_are_placed_as_those_of_files() {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), pcap(&frames())).unwrap();

@@ -85,7 +85,7 @@ impl Folder {
     /// Refuses motion correction if the scans have no stamps and poses, or if the points of the first scan have no times.
     pub(crate) fn check_motion(&self) -> anyhow::Result<()> {
         let is_known = self.stamps_ns.is_some() && self.poses.is_some();
-        let expected = "expected poses.txt and timestamps.txt beside the scans";
+        let expected = "expected valid poses.txt and timestamps.txt beside the scans";
         ensure!(is_known, "{expected}");
         let mut scan = Scan::default();
         self.read(0, &mut scan);
@@ -96,19 +96,23 @@ impl Folder {
 
     /// Refuses `.bin` files whose number of columns is not four. A single file of another size among several is cut short and is no reason to refuse.
     pub(crate) fn check_columns(&self, scans: &[PathBuf]) -> Result<(), SourceError> {
-        let is_plain = |path: &PathBuf| Format::of(path) == Some(Format::Bin);
-        if !scans.iter().all(is_plain) {
+        let are = |format| scans.iter().all(|path| Format::of(path) == Some(format));
+        let is_five = are(Format::NuScenes);
+        if !is_five && !are(Format::Bin) {
             return Ok(());
         }
         let size = |path| fs::metadata(path).map_or(0, |about| about.len());
         let sizes: Vec<u64> = scans.iter().take(SIZES).map(size).collect();
-        let named = self.layout.columns.len() as u64;
+        let named = match self.layout.columns.len() as u64 {
+            0 if is_five => 5,
+            named => named,
+        };
         if named > 0 {
             let fitting = sizes.iter().filter(|size| size.is_multiple_of(4 * named));
             if 2 * fitting.count() >= sizes.len() {
                 return Ok(());
             }
-            let expected = format!("{} bytes a point, as --columns names {named}", 4 * named);
+            let expected = format!("{} bytes a point, of {named} columns", 4 * named);
             return refused("size", &expected, format!("{} bytes", sizes[0]));
         }
         // A pipe has size 0, and bytes read from it cannot be read again.
@@ -286,7 +290,8 @@ fn beside(folder: &Path, name: &str) -> Option<PathBuf> {
 /// KITTI raw's `timestamps.txt`: `2011-09-26 13:02:25.964389445`, one line per scan. A file that does not fit is logged and not used.
 fn stamps(folder: &Path, scans: usize) -> Option<Vec<u64>> {
     let path = beside(folder, "timestamps.txt")?;
-    let text = fs::read_to_string(&path).ok()?;
+    let warn = |error: &_| tracing::warn!(path = %path.display(), "stamps are not used: {error}");
+    let text = fs::read_to_string(&path).inspect_err(warn).ok()?;
     let lines = text.lines().filter(|line| !line.trim().is_empty());
     let stamps: Option<Vec<u64>> = lines.map(stamp_ns).collect();
     let path = path.display();
@@ -359,6 +364,7 @@ mod tests {
             let error = find(&root.path().join(place)).unwrap_err().to_string();
             assert!(error.contains(words), "{error}");
         }
+        fs::write(root.path().join("e/f.PCD.bin"), [0; 20]).unwrap();
         assert_eq!(find(&root.path().join("e")).unwrap().name(0), "f");
         let columns = "x,y,z,intensity,ring,time".split(',').map(str::to_string);
         let layout = Layout {

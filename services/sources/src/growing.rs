@@ -167,6 +167,11 @@ mod tests {
         ["stray.pcd", "10.bin"]
             .iter()
             .for_each(|name| write(name, 10));
+        let file = fs::File::options()
+            .write(true)
+            .open(folder.path().join("10.bin"));
+        let seven = SystemTime::UNIX_EPOCH + Duration::from_secs(7);
+        file.unwrap().set_modified(seven).unwrap();
         // The clock of the disk may differ from the system's clock.
         let disk = fs::File::open(path).unwrap();
         disk.set_modified(SystemTime::UNIX_EPOCH).unwrap();

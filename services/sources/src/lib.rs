@@ -117,6 +117,13 @@ pub fn is_live(input: &Path) -> bool {
     address(input).is_some() || ros2_topic(input).is_some() || followed(input).is_some()
 }
 
+/// Whether an input names nothing to read: no path, or an address that is none.
+pub fn is_incomplete(input: &Path) -> bool {
+    let nothing = ["", FOLLOW, "ros2:", "ros2:/"];
+    address(input).is_some_and(|address| address.is_err())
+        || input.to_str().is_some_and(|text| nothing.contains(&text))
+}
+
 /// The folder of an input like `follow:DIR`; `None`: the input is of another kind.
 fn followed(input: &Path) -> Option<&str> {
     input.to_str()?.strip_prefix(FOLLOW)

@@ -70,7 +70,7 @@ impl Trajectory {
             let (from_s, to_s) = (time_s(&pair[0]), time_s(&pair[1]));
             let way_m = (pair[1].1.translation.vector - pair[0].1.translation.vector).norm();
             let span_s = to_s - from_s;
-            let is_motion = span_s <= GAP_MAX_S && way_m <= SPEED_MAX_MPS * span_s;
+            let is_motion = span_s > 0.0 && span_s <= GAP_MAX_S && way_m <= SPEED_MAX_MPS * span_s;
             let beyond_s = from_s.max(-to_s).max(0.0);
             (is_motion && beyond_s <= BEYOND_MAX_S).then_some((beyond_s, -from_s / span_s, pair))
         });

@@ -178,16 +178,11 @@ impl Recorded {
 }
 
 impl Scan {
-    /// Takes a `sensor_msgs/PointCloud2` in CDR. An invalid message is logged and gives an empty scan with the flag `damaged_input`. `received_ns`
+    /// Takes a `sensor_msgs/PointCloud2` in CDR. An invalid message is logged and gives an empty scan with the flag `damaged_input`. `heard_ns`
     /// replaces a stamp of 0. The name stays empty. Returns the coordinate frame of the points.
-    pub fn take_point_cloud2(
-        &mut self,
-        layout: &Layout,
-        message: &[u8],
-        received_ns: u64,
-    ) -> String {
+    pub fn take_point_cloud2(&mut self, layout: &Layout, message: &[u8], heard_ns: u64) -> String {
         self.name.clear();
-        self.take_cloud(Cloud::Ros2, layout, message, received_ns)
+        self.take_cloud(Cloud::Ros2, layout, message, heard_ns)
     }
 
     fn take_cloud(&mut self, cloud: Cloud, layout: &Layout, message: &[u8], ns: u64) -> String {

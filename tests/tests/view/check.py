@@ -68,7 +68,7 @@ def check_rest(markers, states, tf, line):
         same(xyz(cube.scale), o["size_m"])
         assert cube.color.a > 0 and cube.mesh_resource == "" and cube.pose.orientation.w <= 1
     assert len({(m.ns, m.id) for m in others}) == len(others)
-    assert [s.name for s in states.status] == [f"mluc: {n}" for n in ("pipeline", "ingest", "backbone", "head", "refiner")]
+    assert [s.name for s in states.status] == [f"mluc {states.status[0].hardware_id}: {n}" for n in ("pipeline", "ingest", "backbone", "head", "refiner")]
     values = {v.key: v.value for v in states.status[0].values}
     assert int(values["frames_out"]) >= 0 and values["state"] in states.status[0].message
     (transform,) = tf.transforms

@@ -163,11 +163,8 @@ fn frame(
         calibration: read_calibration(&calibrations.join(file))?,
         image: image_size_beside(&source.labels, name, image)?,
     };
-    Ok(truth.with(
-        frames
-            .get(FrameHeader::cut(name))
-            .map_or(&[], Vec::as_slice),
-    ))
+    let found = frames.get(FrameHeader::cut(name));
+    Ok(truth.with(found.map_or(&[], Vec::as_slice)))
 }
 
 /// Checks that labels and detections share frames; returns warnings about frames that only one of them has.
@@ -212,14 +209,10 @@ pub(crate) fn image_size<'a>(labels: impl IntoIterator<Item = &'a Vec<Label>>) -
 }
 
 /// Size of `image_2/NAME.png` next to the folder of labels where it is present, else the assumed size.
-pub(crate) fn image_size_beside(
-    labels: &Path,
-    name: &str,
-    assumed: ImageSize,
-) -> Result<ImageSize> {
+pub(crate) fn image_size_beside(labels: &Path, name: &str, other: ImageSize) -> Result<ImageSize> {
     let path = labels.join("../image_2").join(format!("{name}.png"));
     if !path.is_file() {
-        return Ok(assumed);
+        return Ok(other);
     }
     let file = File::open(&path).map_err(|e| EvaluateError::file(&path, e))?;
     let mut decoder = png::Decoder::new(BufReader::new(file));

@@ -172,33 +172,39 @@ pub fn choose_profiles(
 ) -> Result<ScoreChoice> {
     let gate = ModelGate::of(model);
     let threshold = f64::from(gate.threshold(&model.manifest.thresholds));
-    let published = |unknown: f32| {
+    let published = |unknown: f32, known: f32| {
         let mut settings = settings.clone();
-        settings.score_min.unknown = unknown;
+        (settings.score_min.unknown, settings.score_min.known) = (unknown, known);
         let objects = objects_at(model, gate, set, frames, &settings, vec![threshold], &|| ())?;
         Ok::<_, EvaluateError>(objects.labelled(frames, 0))
     };
-    let operating = |scans: &[LabelledFrame]| Operating::of(scans, &[scans.len()], rules);
-    let of_unknown = published(0.0)?;
+    // Every scan is a drive of its own: validation scans show different scenes.
+    let operating = |scans: &[LabelledFrame]| Operating::of(scans, &vec![1; scans.len()], rules);
+    let of_unknown = published(0.0, 0.0)?;
     let judged = operating(&of_unknown);
     // Scans with more points give more false objects: the limit applies to each third of the scans by point count.
     let points = |index| Ok((set.points(index)?.len(), index));
     let points: Result<Vec<_>> = (0..frames.len()).into_par_iter().map(points).collect();
     let mut by_points = points?;
     by_points.sort_unstable();
-    let third = |third: &[(usize, usize)]| {
-        let scans = third.iter().map(|&(_, at)| of_unknown[at].clone());
-        operating(&scans.collect::<Vec<_>>())
+    let unknown_min = |scans: &[LabelledFrame], most: f64| {
+        let third = |third: &[(usize, usize)]| {
+            let scans = third.iter().map(|&(_, at)| scans[at].clone());
+            operating(&scans.collect::<Vec<_>>()).safe_score_min(ObjectKind::Unknown, most)
+        };
+        let thirds = by_points.chunks(frames.len().div_ceil(3).max(1));
+        thirds.map(third).fold(0.0, f32::max)
     };
-    let thirds = by_points.chunks(frames.len().div_ceil(3).max(1)).map(third);
-    let thirds: Vec<Operating> = thirds.collect();
-    // An object that is not published as unknown may be published as known.
-    let least = |unknown: f64, known: f64| {
-        let of_third = |third: &Operating| third.safe_score_min(ObjectKind::Unknown, unknown);
-        let unknown = thirds.iter().map(of_third).fold(0.0, f32::max);
-        let left = published(unknown)?;
+    // An object that is not published as unknown may be published as known, and the points of a known object that is not published may be unknown.
+    let least = |most_unknown: f64, most_known: f64| {
+        let known_min =
+            |left: &[LabelledFrame]| operating(left).safe_score_min(ObjectKind::Known, most_known);
+        let mut unknown = unknown_min(&of_unknown, most_unknown);
+        let known = known_min(&published(unknown, 0.0)?);
+        unknown = unknown.max(unknown_min(&published(0.0, known)?, most_unknown));
+        let left = published(unknown, 0.0)?;
         let score_min = ScoreMin {
-            known: operating(&left).safe_score_min(ObjectKind::Known, known),
+            known: known.max(known_min(&left)),
             unknown,
             both_readings: false,
         };

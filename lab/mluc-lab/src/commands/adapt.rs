@@ -104,13 +104,9 @@ pub(crate) fn run(arguments: AdaptArguments) -> Result<()> {
     }
     let before = place.judged("before", &first)?;
     let after = place.judged("after", &model)?;
-    let command = format!("--model {} --sensor {}", model.display(), arguments.sensor);
-    let text = report::markdown(
-        &place.plan,
-        &Model::read(&model)?,
-        [&before, &after],
-        &command,
-    );
+    let words = format!("--model {} --sensor {}", model.display(), arguments.sensor);
+    let adapted = Model::read(&model)?;
+    let text = report::markdown(&place.plan, &adapted, [&before, &after], &words);
     let path = out.join("report.md");
     write_whole(&path, text.as_bytes()).with_context(|| path.display().to_string())?;
     print_out(text)?;

@@ -74,9 +74,10 @@ impl RenderArguments {
     fn scans(&self) -> anyhow::Result<Vec<PathBuf>> {
         if !self.scan.is_dir() {
             let path = self.scan.display();
+            let is_scan = self.scan.exists() && self.scan.extension().is_some_and(|e| e == "bin");
             ensure!(
-                self.scan.exists(),
-                "{path}: expected a scan or a folder of scans, found nothing"
+                is_scan,
+                "{path}: expected a .bin scan or a folder of them; `mluc demo --input` draws others"
             );
             return Ok(vec![self.scan.clone()]);
         }

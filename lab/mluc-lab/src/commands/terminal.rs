@@ -74,21 +74,14 @@ impl Progress {
 }
 
 /// Runs `work` with a function that it calls after each frame; a bar or a line now and then shows the count.
-pub(crate) fn counted<T>(
-    what: &str,
-    frames: usize,
-    work: impl FnOnce(&(dyn Fn() + Sync)) -> T,
-) -> T {
+pub(crate) fn counted<T>(of: &str, frames: usize, work: impl FnOnce(&(dyn Fn() + Sync)) -> T) -> T {
     let style = "{msg} [{bar:40}] {pos}/{len} frames, {per_sec}, {eta} left";
-    let progress = Progress::new(what, frames as u64, style);
+    let progress = Progress::new(of, frames as u64, style);
     let bar = &progress.bar;
     let result = work(&|| {
         bar.inc(1);
         let done = bar.position() as usize;
-        progress.line(
-            done == frames,
-            format_args!("{what}: {done}/{frames} frames"),
-        );
+        progress.line(done == frames, format_args!("{of}: {done}/{frames} frames"));
     });
     bar.finish_and_clear();
     result

@@ -101,6 +101,8 @@ fn a_killed_run_goes_on_to_the_bits_of_an_uninterrupted_one() {
     }
     child.kill().expect("killed");
     child.wait().expect("ended");
+    let cut = run_state(&place.path("cut")).expect("a run");
+    assert_ne!(cut, RunState::Done, "it was interrupted");
     // The log may end in the middle of a line.
     place.write("cut/train.jsonl", "{\"step\":1,\"ste");
     place.trained("cut", steps);
@@ -175,7 +177,6 @@ fn osis_is_trained_once_and_over_nothing() {
 }
 
 #[test]
-#[cfg(target_os = "linux")]
 fn a_full_terminal_stops_nothing() {
     let place = place();
     let full = || File::create("/dev/full").expect("there");

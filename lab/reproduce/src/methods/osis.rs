@@ -91,16 +91,12 @@ fn standing(ground: &mut GroundGrid, points: &[Point], detections: &[Detection])
     cubes.into_values().filter(stands).map(point).collect()
 }
 
-fn unknown(
-    standing: &[Standing],
-    threshold: f32,
-    embedder: Option<&Embedder>,
-) -> Vec<SensorDetection> {
-    let left: Vec<&Standing> = standing.iter().filter(|s| s.known < threshold).collect();
+fn unknown(standing: &[Standing], limit: f32, embedder: Option<&Embedder>) -> Vec<SensorDetection> {
+    let left: Vec<&Standing> = standing.iter().filter(|s| s.known < limit).collect();
     // By position alone the score of a point is one minus the probability of the best box around it.
     let by_place = || left.iter().map(|s| Some(1.0 - s.known)).collect();
     let scores: Vec<Option<f32>> =
-        embedder.map_or_else(by_place, |e| e.unknown(standing, &left, threshold));
+        embedder.map_or_else(by_place, |e| e.unknown(standing, &left, limit));
     let pairs = left.into_iter().zip(scores);
     let pairs = pairs.filter_map(|(point, score)| Some((point, score?)));
     let (left, scores): (Vec<&Standing>, Vec<f32>) = pairs.unzip();

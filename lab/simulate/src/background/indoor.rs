@@ -83,13 +83,7 @@ fn shell(yard: &mut Yard, room: &Room, is_hall: bool, dice: &mut Dice) {
 }
 
 /// A wall whose inner face is y = 0, seen from -y: pillars, recessed doors, windows high up; or a parapet that is open above.
-fn wall(
-    mesh: &mut Mesh,
-    [length, height]: [f32; 2],
-    is_open: bool,
-    paint: Surface,
-    dice: &mut Dice,
-) {
+fn wall(mesh: &mut Mesh, [length, height]: [f32; 2], open: bool, paint: Surface, dice: &mut Dice) {
     let bays = (length / dice.range(3.5, 7.0)).ceil().max(1.0);
     let bay = length / bays;
     let has_windows = height > 3.5 && dice.chance(0.4);
@@ -97,7 +91,7 @@ fn wall(
         let x = [i as f32, (i + 1) as f32].map(|n| n * bay - length / 2.0);
         let pillar = v(0.3, dice.range(0.15, 0.4), height + 0.3);
         mesh.block(v(x[0], -0.05, height / 2.0 - 0.15), pillar, paint);
-        if is_open {
+        if open {
             mesh.block(v((x[0] + x[1]) / 2.0, 0.1, 0.4), v(bay, 0.15, 1.2), paint);
             continue;
         }

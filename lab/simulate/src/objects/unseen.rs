@@ -135,21 +135,15 @@ impl Row {
         mesh
     }
 
-    fn add(
-        &self,
-        mesh: &mut Mesh,
-        colour: Surface,
-        is_there: impl Fn(f32) -> bool,
-        dice: &mut Dice,
-    ) {
-        for part in self.parts.iter().filter(|part| is_there(part.5)) {
+    fn add(&self, mesh: &mut Mesh, colour: Surface, wanted: impl Fn(f32) -> bool, dice: &mut Dice) {
+        for part in self.parts.iter().filter(|part| wanted(part.5)) {
             let most_m = self.scatter_m;
             let off = v(dice.spread(most_m), dice.spread(most_m), 0.0);
             let mut own = Mesh::default();
             part.add(&mut own, colour, dice);
             mesh.add(&own, |p| p + off);
         }
-        for part in self.twins.iter().filter(|part| is_there(part.5)) {
+        for part in self.twins.iter().filter(|part| wanted(part.5)) {
             let mut own = Mesh::default();
             part.add(&mut own, colour, dice);
             mesh.add(&own, |p| p);

@@ -53,8 +53,8 @@ impl Evaluation<'_> {
         }
     }
 
-    /// Cross entropy of the unknown logit: synthetic unknown objects against known objects and background, every cell with its own weight. Most of the
-    /// weight is background, so the logit includes the rarity of unknown objects. With equal weights of the three groups known objects look unknown.
+    /// Cross entropy of the unknown logit: synthetic unknown objects against known objects and background, every cell with its own weight.
+    /// Objects have two thirds of the weight. With equal weights of the three groups known objects look unknown.
     pub(super) fn unknown(&mut self) {
         let (logits, gradient) = (&self.outputs.unknown, &mut self.gradients.unknown);
         for label in self.targets.cells.iter().filter(|_| !logits.is_empty()) {

@@ -74,18 +74,11 @@ impl Canvas {
     }
 
     /// An anti-aliased circle.
-    pub fn ring(
-        &mut self,
-        center: [f32; 2],
-        radius_px: f32,
-        width_px: f32,
-        color: Color,
-        alpha: f32,
-    ) {
+    pub fn ring(&mut self, at: [f32; 2], radius_px: f32, width_px: f32, color: Color, alpha: f32) {
         let reach = radius_px + width_px + 1.0;
-        let bounds = [center.map(|v| v - reach), center.map(|v| v + reach)];
+        let bounds = [at.map(|v| v - reach), at.map(|v| v + reach)];
         self.paint(bounds, color, alpha, |p| {
-            let from_center = (p[0] - center[0]).hypot(p[1] - center[1]);
+            let from_center = (p[0] - at[0]).hypot(p[1] - at[1]);
             width_px / 2.0 + 0.5 - (from_center - radius_px).abs()
         });
     }

@@ -18,17 +18,12 @@ const HEIGHT: f64 = 0.5625;
 const DEPTH_M: std::ops::Range<f64> = 1.0..500.0;
 
 /// Draws a scan from behind; points and boxes that are not finite are left out.
-pub fn perspective(
-    points: &[[f32; 4]],
-    boxes: &[DrawnBox],
-    title: &str,
-    width_px: usize,
-) -> Canvas {
+pub fn perspective(scan: &[[f32; 4]], boxes: &[DrawnBox], title: &str, width_px: usize) -> Canvas {
     let height_px = (width_px as f64 * HEIGHT) as usize;
     let mut canvas = Canvas::new(width_px, height_px, NIGHT);
     let project = |point_m: [f64; 3]| project(point_m, width_px as f64);
     let dot = |p: &[f32; 4]| Some((project([0, 1, 2].map(|i| f64::from(p[i])))?, p[2]));
-    let mut dots: Vec<_> = points.iter().filter_map(dot).collect();
+    let mut dots: Vec<_> = scan.iter().filter_map(dot).collect();
     // Near points are drawn last and cover far ones.
     dots.sort_by(|((_, a), _), ((_, b), _)| b.total_cmp(a));
     for ((at, _), z_m) in dots {

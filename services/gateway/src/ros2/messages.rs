@@ -106,14 +106,14 @@ pub fn diagnostics(header: &Value, instance: &str, parts: &[(&str, Value)]) -> V
         let [state, reason] = ["state", "reason"].map(|key| part[key].as_str().unwrap_or(""));
         let level = match state {
             "starting" | "running" | "waiting_input" => 0,
-            "failed" | "stopped" | "?" => 2,
+            "failed" | "stopped" | "blind" | "late" | "?" => 2,
             "silent" => 3,
             _ => 1,
         };
         let values = part.as_object().into_iter().flatten();
         let values = values.map(|(key, value)| json!({"key": key, "value": text(value)}));
         json!({
-            "level": level, "name": format!("mluc: {name}"), "message": format!("{state} {reason}"), "hardware_id": instance,
+            "level": level, "name": format!("mluc {instance}: {name}"), "message": format!("{state} {reason}"), "hardware_id": instance,
             "values": values.collect::<Vec<_>>(),
         })
     };

@@ -113,9 +113,8 @@ fn atan_deg(height: f32, distance: f32) -> f32 {
     let ratio = up.min(ahead) / up.max(ahead).max(1e-9);
     let s = ratio * ratio;
     // Abramowitz and Stegun 4.4.49.
-    let series =
-        0.999_866 + s * (-0.330_299_5 + s * (0.180_141 + s * (-0.085_133 + s * 0.020_835_1)));
-    let angle_deg = (ratio * series).to_degrees();
+    let sum = 0.999_866 + s * (-0.330_299_5 + s * (0.180_141 + s * (-0.085_133 + s * 0.020_835_1)));
+    let angle_deg = (ratio * sum).to_degrees();
     let from_up_deg = 90.0 - angle_deg;
     let from_level = if up > ahead { from_up_deg } else { angle_deg };
     from_level.copysign(height)

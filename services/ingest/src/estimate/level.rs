@@ -70,15 +70,12 @@ impl LevelFinder {
 
     /// The ground of scans whose z should point up. Of a floor and a roof it is the floor. In an upside-down scan the uppermost beams
     /// hit a smaller area than the ground's.
-    pub(super) fn below(
-        &mut self,
-        points: impl Iterator<Item = [f32; 3]> + Clone,
-    ) -> Option<Level> {
-        let level = self.find(points.clone())?;
+    pub(super) fn below(&mut self, scan: impl Iterator<Item = [f32; 3]> + Clone) -> Option<Level> {
+        let level = self.find(scan.clone())?;
         if level.z_m() < 0.0 {
             return Some(level);
         }
-        let floor = self.find(points.filter(|[.., z]| *z < 0.0));
+        let floor = self.find(scan.filter(|[.., z]| *z < 0.0));
         let is_high = level.z_m() > HIGH_ROOF_M;
         let tiles = [FLOOR_TILES, FLOOR_TILES_BELOW_HIGH_ROOF][usize::from(is_high)];
         let is_one = |floor: &Level| {

@@ -213,7 +213,7 @@ impl Estimator {
         self.content.add_scan(points, not_finite, SAMPLE);
         let scale = self.content.unit.in_m();
         let at = |p: &Point| [p.x_m * scale, p.y_m * scale, p.z_m * scale];
-        let (up, ground) = self.look_for_ground(points.iter().map(at));
+        let (up, ground) = self.find_ground(points.iter().map(at));
         let level = ground.filter(|_| up == Up::default());
         self.ups[up.0] += 1;
         self.scan_elevations.clear();
@@ -247,11 +247,8 @@ impl Estimator {
     }
 
     /// The axis that points up, and the plane of the ground in axes turned that way.
-    fn look_for_ground(
-        &mut self,
-        points: impl Iterator<Item = [f32; 3]> + Clone,
-    ) -> (Up, Option<Level>) {
-        let along_z = self.finder.below(points.clone());
+    fn find_ground(&mut self, scan: impl Iterator<Item = [f32; 3]> + Clone) -> (Up, Option<Level>) {
+        let along_z = self.finder.below(scan.clone());
         let share = along_z.map_or(0.0, |level| level.share);
         let mut best = (Up::default(), along_z);
         if share < LEVEL_SHARE_POOR {
@@ -262,7 +259,7 @@ impl Estimator {
             ];
             let mut least = (OTHER_AXIS_GAIN * share).max(OTHER_AXIS_SHARE_MIN);
             for (up, turned) in others {
-                if let Some(level) = self.finder.find(points.clone().map(turned))
+                if let Some(level) = self.finder.find(scan.clone().map(turned))
                     && level.share > least
                     && HEIGHT_M.contains(&level.z_m().abs())
                 {

@@ -11,7 +11,7 @@ use mluc_ipc_types::{
 };
 use mluc_kernels::Level;
 use mluc_model::{Model, SensorProfile};
-use mluc_runtime::Instance;
+use mluc_runtime::{Instance, log_to_stderr};
 use mluc_sources::{Open, Source, ros2_topic};
 use rustix::process::{Resource, getrlimit};
 
@@ -37,6 +37,7 @@ pub fn doctor(args: &DoctorArgs, open: Option<Open>) -> anyhow::Result<ExitCode>
     if open.is_none() && args.input.as_deref().and_then(ros2_topic).is_some() {
         return external("mluc-ros2", &["doctor"]);
     }
+    log_to_stderr("doctor", "warn");
     let loaded = model::load(&args.model);
     let about_model = match &loaded {
         Ok(model) => describe_model(model, &args.model),

@@ -1,6 +1,6 @@
 //! Points to feature rows (paper section 3.1).
 
-use anyhow::ensure;
+use anyhow::{Result, ensure};
 use mluc_backbone::{Backbone, Precision};
 use mluc_ipc_types::{FeatureBlock, FeatureRows, Flags, FrameHeader, Point, Stage, feature_blocks};
 use mluc_model::{Model, Network};
@@ -14,21 +14,13 @@ pub(super) struct BackboneStage {
     rows: usize,
 }
 
-pub(crate) fn run(
-    shell: &mut Shell,
-    settings: &Settings,
-    model: &Model,
-    warms_up: bool,
-) -> anyhow::Result<()> {
+pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model, warm: bool) -> Result<()> {
     let precision = settings.precision;
-    let backbone = make(model, precision, warms_up)?;
+    let backbone = make(model, precision, warm)?;
     let blocks = blocks_max(&model.manifest.network);
     let make_next = move |model: &Model| {
-        let found = blocks_max(&model.manifest.network);
-        ensure!(
-            found <= blocks,
-            "map of {found} blocks, at most {blocks} fit"
-        );
+        let own = blocks_max(&model.manifest.network);
+        ensure!(own <= blocks, "map of {own} blocks, at most {blocks} fit");
         make(model, precision, true)
     };
     let models = Models::new(shell, model, backbone, make_next);
@@ -42,7 +34,7 @@ pub(super) fn blocks_max(network: &Network) -> usize {
     feature_blocks(cells, network.feature_channels(), network.ground_nodes())
 }
 
-fn make(model: &Model, precision: Precision, warms_up: bool) -> anyhow::Result<Backbone> {
+fn make(model: &Model, precision: Precision, warms_up: bool) -> Result<Backbone> {
     let (manifest, weights) = (&model.manifest, &model.weights);
     let mut backbone = Backbone::with_precision(manifest, weights, precision)?;
     let (precision, why) = precision.chosen(manifest, weights);

@@ -54,24 +54,20 @@ pub(crate) fn open(path: &std::path::Path, stage: Stage) -> anyhow::Result<Recor
 /// Header and elements of a recorded message of this wire version, for a model.
 pub(crate) fn parse<O: bytemuck::Pod>(
     message: &[u8],
-    fingerprint: u64,
+    model: u64,
 ) -> anyhow::Result<(FrameHeader, Vec<O>)> {
     let bytes = message.get(BYTES_AT..).unwrap_or_default();
     let parts = bytes.split_at_checked(size_of::<FrameHeader>());
-    let (header, elements) = parts.context("recorded message: expected a header, found less")?;
+    let (header, rest) = parts.context("recorded message: expected a header, found less")?;
     let header: FrameHeader = bytemuck::pod_read_unaligned(header);
     header.checked().context("recorded message")?;
-    header
-        .check_model(fingerprint)
-        .context("recorded message")?;
-    let (size, found) = (size_of::<O>(), elements.len());
+    header.check_model(model).context("recorded message")?;
+    let (size, found) = (size_of::<O>(), rest.len());
     ensure!(
         found.is_multiple_of(size),
         "recorded message: expected elements of {size} bytes, found {found} bytes"
     );
-    let elements = elements
-        .chunks_exact(size)
-        .map(bytemuck::pod_read_unaligned);
+    let elements = rest.chunks_exact(size).map(bytemuck::pod_read_unaligned);
     Ok((header, elements.collect()))
 }
 

@@ -306,6 +306,11 @@ impl Child {
         Ok(())
     }
 
+    /// Whether the other stages run on without it.
+    pub(super) fn is_given_up(&self, settings: &Settings) -> bool {
+        self.failures >= settings.restart_limit
+    }
+
     /// Counts a death, and reports a crash loop.
     fn count_death(&mut self) {
         self.deaths.push_back(Instant::now());

@@ -20,7 +20,7 @@ const IDLE_PATIENCE: Duration = Duration::from_secs(2);
 
 pub(crate) struct LineWriter {
     lines: Sender<Vec<u8>>,
-    thread: JoinHandle<io::Result<()>>,
+    thread: JoinHandle<io::Result<u64>>,
     pace: Pace,
     dropped: u64,
 }
@@ -31,7 +31,7 @@ impl LineWriter {
         let (lines, waiting) = bounded(LINES_WAITING);
         LineWriter {
             lines,
-            thread: std::thread::spawn(move || write_all(waiting, stdout())),
+            thread: std::thread::spawn(move || write_all(waiting, stdout(), pace)),
             pace,
             dropped: 0,
         }
@@ -91,18 +91,27 @@ impl LineWriter {
                 Err(error).context("standard output: its reader is gone, and with it the results")
             }
             Ok(written) => written
-                .map(|()| self.dropped)
+                .map(|lost| self.dropped + lost)
                 .context("writing JSON lines to standard output"),
             Err(_) => anyhow::bail!("the thread that writes lines ended"),
         }
     }
 }
 
-fn write_all(waiting: Receiver<Vec<u8>>, mut output: impl Write) -> io::Result<()> {
+/// Returns the number of lines that a full disk has cost at pace `sensor`: consumers of shared memory need the pipeline.
+fn write_all(waiting: Receiver<Vec<u8>>, mut output: impl Write, pace: Pace) -> io::Result<u64> {
+    let mut lost = 0;
     for line in waiting {
-        output.write_all(&line)?;
         // A reader that follows the run sees each frame at once.
-        output.flush()?;
+        match output.write_all(&line).and_then(|()| output.flush()) {
+            Err(error) if error.kind() == ErrorKind::StorageFull && pace == Pace::Sensor => {
+                lost += 1;
+                tracing::warn!("a line was lost: {error}");
+                // The next line shall not continue the part that was written.
+                let _ = output.write_all(b"\n");
+            }
+            written => written?,
+        }
     }
-    Ok(())
+    Ok(lost)
 }

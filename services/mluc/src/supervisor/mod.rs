@@ -312,14 +312,15 @@ impl Supervisor {
         }
     }
 
-    /// Whether our own stages take frames; a foreign stage may send no heartbeats.
+    /// Whether our own stages take frames, or were given up; a foreign stage may send no heartbeats.
     fn is_ready(&self) -> bool {
         let is_own = |stage: &Stage| {
             let own = &self.settings.stages[*stage];
             !own.external && own.command.is_none()
         };
         let mut own = Stage::ALL.into_iter().filter(is_own);
-        own.all(|stage| self.health.is_ready(stage))
+        let is_given_up = |stage| self.children[stage as usize].is_given_up(&self.settings);
+        own.all(|stage| self.health.is_ready(stage) || is_given_up(stage))
     }
 
     /// Follows a new run that another process has begun: it begins at frame 0.

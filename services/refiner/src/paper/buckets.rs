@@ -23,13 +23,8 @@ const SIDE_MAX: usize = 512;
 
 impl Buckets {
     /// Sorts the points that `keep` accepts into cells of at least `cell_m`; within a cell they stay in order.
-    pub(crate) fn fill(
-        &mut self,
-        around: &Neighbourhood,
-        cell_m: f32,
-        keep: impl Fn(usize) -> bool,
-    ) {
-        let (x_m, y_m) = (&around.x_m[..], &around.y_m[..]);
+    pub(crate) fn fill(&mut self, near: &Neighbourhood, cell_m: f32, keep: impl Fn(usize) -> bool) {
+        let (x_m, y_m) = (&near.x_m[..], &near.y_m[..]);
         let [x, y] = at_best!(spans(x_m, y_m, [1.0, 0.0]));
         self.half_m = (-x[0]).max(x[1]).max(-y[0]).max(y[1]).max(0.0) + cell_m;
         let cell_m = cell_m.max(2.0 * self.half_m / SIDE_MAX as f32);

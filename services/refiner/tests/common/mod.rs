@@ -110,14 +110,10 @@ pub(crate) fn refiner(variant: Variant) -> Refiner {
     Refiner::new(Settings::of(variant), &sensor()).expect("default settings")
 }
 
-pub(crate) fn refine(
-    variant: Variant,
-    points: &[Point],
-    detections: &[Detection],
-) -> RefinerOutput {
+pub(crate) fn refine(variant: Variant, points: &[Point], found: &[Detection]) -> RefinerOutput {
     let mut out = RefinerOutput::default();
-    refiner(variant).refine(7, points, detections, &mut out);
-    assert_sound(points, detections, &out);
+    refiner(variant).refine(7, points, found, &mut out);
+    assert_sound(points, found, &out);
     out
 }
 

@@ -22,8 +22,7 @@ pub(super) struct Repeats(pub(super) Vec<Repeated>);
 impl Repeats {
     /// Forgets messages whose time window is over. Returns the messages that were not always written, and how often they were left out.
     pub(super) fn ended(&mut self, now_ns: u64) -> Vec<(Level, String, u64)> {
-        let is_over =
-            |repeated: &mut Repeated| now_ns.saturating_sub(repeated.since_ns) >= WINDOW_NS;
+        let is_over = |one: &mut Repeated| now_ns.saturating_sub(one.since_ns) >= WINDOW_NS;
         let ended = self.0.extract_if(.., is_over);
         let counted = ended.map(|r| (r.level, r.message, r.count.saturating_sub(WRITTEN_MAX)));
         counted.filter(|(_, _, count)| *count > 0).collect()

@@ -4,9 +4,13 @@ use super::Layout;
 use super::table::{Field, Kind, Table};
 use crate::{SourceError, refused};
 
-/// Refuses files that have three, five or six numbers per point instead of four. `sizes`: sizes of some files, bytes; `start`: start of the first file.
+/// Refuses files that have three, five or six numbers per point instead of four, and numbers that are no coordinates. `sizes`: sizes of some files,
+/// bytes; `start`: start of the first file. A file of another size than most is cut short.
 pub(crate) fn check_columns(sizes: &[u64], start: &[u8]) -> Result<(), SourceError> {
-    let all = |columns: u64| sizes.iter().all(|size| size.is_multiple_of(4 * columns));
+    let all = |columns: u64| {
+        let fitting = sizes.iter().filter(|size| size.is_multiple_of(4 * columns));
+        2 * fitting.count() > sizes.len()
+    };
     let is_other = |columns| match columns {
         _ if !all(4) => true,
         5 => has_rings(start),
@@ -22,8 +26,21 @@ pub(crate) fn check_columns(sizes: &[u64], start: &[u8]) -> Result<(), SourceErr
             let found = format!("a multiple of {bytes} bytes: {columns}{or_three} columns? {help}");
             refused("size", "16 bytes a point (x, y, z, intensity)", found)
         }
+        None if has_no_coordinates(start) => {
+            let found = "many below 0.000001 or above 1,000,000: text, f64, or another byte order?";
+            refused("numbers", "f32 in little-endian order, in m", found)
+        }
         None => Ok(()),
     }
+}
+
+/// Whether more than a tenth of x, y and z are too small or too large for coordinates. Zeros are not.
+fn has_no_coordinates(start: &[u8]) -> bool {
+    let numbers = numbers(start);
+    let points = numbers.as_chunks::<4>().0;
+    let is_odd = |v: &&f32| **v != 0.0 && !(1e-6..1e6).contains(&v.abs()) && !v.is_nan();
+    let odd = points.iter().flat_map(|p| &p[..3]).filter(is_odd).count();
+    10 * odd > 3 * points.len()
 }
 
 /// Whether the last of four numbers is negative in more than one hundredth of the points. It is then a coordinate.

@@ -247,3 +247,37 @@ impl Foxglove {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_numbers_of_every_type_are_read() {
+        let minus_two = (-2_i64).to_le_bytes();
+        for (datatype, data, expected) in [
+            (1, &minus_two[..1], -2.0),
+            (2, &minus_two[..1], 254.0),
+            (3, &minus_two[..2], -2.0),
+            (5, &minus_two[..4], -2.0),
+            (9, &minus_two, -2.0),
+            (10, &2_u64.to_le_bytes(), 2.0),
+            (11, &[1], 1.0),
+        ] {
+            let cloud = PointCloud2 {
+                height: 1,
+                width: 1,
+                fields: vec![("x".to_string(), 0, datatype)],
+                point_step: data.len(),
+                data,
+                ..PointCloud2::default()
+            };
+            let table = cloud.table().unwrap();
+            assert_eq!(
+                table.value(&table.columns[0], 0),
+                Some(expected),
+                "{datatype}"
+            );
+        }
+    }
+}

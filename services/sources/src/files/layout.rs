@@ -80,12 +80,18 @@ impl Layout {
             let found = format!("{:?}", self.origin);
             return refused("origin", "three finite numbers", found);
         }
-        let is_missing = |axis: &&str| !self.columns.iter().any(|name| name == axis);
+        let is_missing = |axis: &&str| {
+            let named = self
+                .columns
+                .iter()
+                .filter(|name| name.eq_ignore_ascii_case(axis));
+            named.count() != 1
+        };
         let missing = ["x", "y", "z"].into_iter().find(is_missing);
         match missing {
             Some(axis) if !self.columns.is_empty() => {
                 let found = self.columns.join(",");
-                refused("columns", format!("{axis} among them"), found)
+                refused("columns", format!("{axis} once among them"), found)
             }
             _ => Ok(()),
         }

@@ -12,13 +12,9 @@ fn bytes<const N: usize>(points: &[[f32; N]]) -> Vec<u8> {
     numbers.flat_map(|v| v.to_le_bytes()).collect()
 }
 
-fn converted(
-    format: Format,
-    layout: &Layout,
-    file: Vec<u8>,
-) -> Result<(Vec<u8>, bool), SourceError> {
+fn converted(kind: Format, layout: &Layout, file: Vec<u8>) -> Result<(Vec<u8>, bool), SourceError> {
     let mut scan = Scan::default();
-    let is_cut = format.convert(layout, file, &mut scan)?;
+    let is_cut = kind.convert(layout, file, &mut scan)?;
     Ok((scan.bytes, is_cut))
 }
 
@@ -106,6 +102,8 @@ fn the_same_points_come_from_every_format() {
     };
     let turned = POINTS.map(|[x, y, z, i]| [3.0, z, 0.0, y, i, x]);
     let plain = Layout::default;
+    let boolean = String::from_utf8(pcd("ascii", text().as_bytes())).unwrap();
+    let boolean = boolean.replace("F F U", "F F B").into_bytes();
     let cases = [
         (Bin, plain(), bytes(&POINTS)),
         (Bin, six, bytes(&turned)),
@@ -115,6 +113,7 @@ fn the_same_points_come_from_every_format() {
         (Npy, quarter(), named("('ring', '|u1', (1, 2))")),
         (Npy, quarter(), named("('', '|V2')")),
         (Pcd, quarter(), pcd("ascii", text().as_bytes())),
+        (Pcd, quarter(), boolean),
         (Pcd, quarter(), pcd("binary", &rows(false))),
         (Pcd, quarter(), pcd("binary_compressed", &compressed())),
         (Ply, quarter(), ply("ascii", text().as_bytes())),

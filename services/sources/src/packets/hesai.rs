@@ -88,9 +88,7 @@ impl Hesai {
                 let angles = elevations_deg.zip(offsets_deg);
                 angles.map(<[f32; 2]>::from).collect()
             }
-            Some(Calibration::Hesai(channels)) if channels.len() == layout.channels => {
-                channels.clone()
-            }
+            Some(Calibration::Hesai(own)) if own.len() == layout.channels => own.clone(),
             Some(other) => return Err(other.is_not(&profile.name)),
         };
         let directions = |[elevation_deg, azimuth_deg]: [f32; 2]| {

@@ -327,12 +327,9 @@ impl Metadata {
     }
 }
 
-pub(super) fn recognize(
-    payload: &[u8],
-    calibration: Option<&Calibration>,
-) -> Option<Box<Metadata>> {
+pub(super) fn recognize(bytes: &[u8], calibration: Option<&Calibration>) -> Option<Box<Metadata>> {
     match calibration {
-        Some(Calibration::Ouster(metadata)) if metadata.takes(payload) => Some(metadata.clone()),
+        Some(Calibration::Ouster(metadata)) if metadata.takes(bytes) => Some(metadata.clone()),
         _ => None,
     }
 }

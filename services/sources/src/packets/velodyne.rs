@@ -65,10 +65,7 @@ impl Product {
 }
 
 /// Recognizes a packet's product by its flags and last byte, else by the calibration's number of lasers.
-pub(super) fn recognize(
-    payload: &[u8],
-    calibration: Option<&Calibration>,
-) -> Option<&'static Product> {
+pub(super) fn recognize(payload: &[u8], given: Option<&Calibration>) -> Option<&'static Product> {
     if payload.len() != BYTES {
         return None;
     }
@@ -85,7 +82,7 @@ pub(super) fn recognize(
     } else if let Some(product) = PRODUCTS.iter().find(|product| product.id == id) {
         return Some(product);
     }
-    let Some(Calibration::Velodyne(table)) = calibration else {
+    let Some(Calibration::Velodyne(table)) = given else {
         return None;
     };
     match table.lasers.len() {
@@ -268,11 +265,9 @@ impl Velodyne {
         let near_ns = self.last_stamp_ns.filter(is_near).unwrap_or(received_ns);
         let hour_ns = near_ns - near_ns % HOUR_NS;
         let stamp_ns = match hour_ns + in_hour_ns {
-            stamp_ns if stamp_ns > near_ns + HOUR_NS / 2 && stamp_ns >= HOUR_NS => {
-                stamp_ns - HOUR_NS
-            }
-            stamp_ns if stamp_ns + HOUR_NS / 2 < near_ns => stamp_ns + HOUR_NS,
-            stamp_ns => stamp_ns,
+            ns if ns > near_ns + HOUR_NS / 2 && ns >= HOUR_NS => ns - HOUR_NS,
+            ns if ns + HOUR_NS / 2 < near_ns => ns + HOUR_NS,
+            ns => ns,
         };
         self.last_stamp_ns = Some(stamp_ns);
         stamp_ns

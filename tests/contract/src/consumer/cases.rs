@@ -132,9 +132,7 @@ fn hostile_headers(session: &mut Session) -> Outcome {
         ensure!(line.is_none(), "{what}: it was used");
     }
     let count = spoils.len();
-    Ok(format!(
-        "{count} not used, each sound frame after them taken"
-    ))
+    Ok(format!("{count} not used, each sound one behind taken"))
 }
 
 /// Whether a line passes on spoiled data: all published objects although one was spoiled, or points although the indices were spoiled.

@@ -27,9 +27,7 @@ pub(crate) fn run(args: RefinerArgs) -> anyhow::Result<ExitCode> {
     let programs = match &args.refiner_variant {
         _ if !args.suite.command.is_empty() => return run_command::<Player>(&args.suite),
         Some(variant) => vec![own(&args, variant)],
-        None => Variant::ALL
-            .map(|variant| own(&args, variant.name()))
-            .into(),
+        None => Variant::ALL.map(|one| own(&args, one.name())).into(),
     };
     suite::run::<Player>(&args.suite, programs)
 }

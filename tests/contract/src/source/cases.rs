@@ -102,9 +102,7 @@ fn new_run(session: &mut Session) -> Outcome {
     };
     first.check(&session.player.run, 0)?;
     session.checked_many(1, SCANS)?;
-    Ok(format!(
-        "joined from scan 0, {passed} of the old run under way"
-    ))
+    Ok(format!("joined from 0, {passed} of the old run under way"))
 }
 
 fn restart(session: &mut Session) -> Outcome {

@@ -48,6 +48,14 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
         "expected as many --beside as --labels ({expected}), in the same order, found {found}"
     );
     let (sources, input) = compared.read(&compared.detections, &arguments.scans)?;
+    for path in compared.detections.iter().filter(|path| path.is_file()) {
+        if std::fs::read_to_string(path)?.contains("\"low_score\"") {
+            let path = path.display();
+            print_err(format_args!(
+                "warning: {path}: objects of low scores were left out, which lowers AP: write it with --profile all"
+            ));
+        }
+    }
     let rules = compared.rules(&input, arguments.unknown_protocol)?;
     if !compared.request.unknown.is_empty() {
         for class in unevaluated(&input.frames, &rules) {

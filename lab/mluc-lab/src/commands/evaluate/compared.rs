@@ -2,6 +2,7 @@
 
 use super::unknown_labelled;
 use crate::commands::terminal::print_err;
+use anyhow::Result;
 use clap::Args;
 use mluc_evaluate::input::{Input, Source, read, sources};
 use mluc_evaluate::{ClassRule, RuleRequest, UNKNOWN, UnknownProtocol, rules};
@@ -34,7 +35,7 @@ impl Compared {
         &self,
         detections: &[PathBuf],
         scans: &[PathBuf],
-    ) -> anyhow::Result<(Vec<Source>, Input)> {
+    ) -> Result<(Vec<Source>, Input)> {
         let sources = sources(&self.labels, detections, &self.calib, scans)?;
         let mut input = read(&sources)?;
         for frame in &mut input.frames {
@@ -51,11 +52,7 @@ impl Compared {
     }
 
     /// The evaluation rules of the classes.
-    pub(super) fn rules(
-        &self,
-        input: &Input,
-        protocol: UnknownProtocol,
-    ) -> anyhow::Result<Vec<ClassRule>> {
+    pub(super) fn rules(&self, input: &Input, protocol: UnknownProtocol) -> Result<Vec<ClassRule>> {
         let labels = input.frames.iter().flat_map(|frame| frame.labels.iter());
         let request = RuleRequest {
             unknown: unknown_labelled(labels, &self.request.unknown)?,

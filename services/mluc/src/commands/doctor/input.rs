@@ -55,7 +55,7 @@ pub(super) fn findings(
     }
     let found = estimator.estimate();
     let (mut reasons, mut findings) = (Vec::new(), Vec::new());
-    let sees_nothing = found.points == 0 || found.zero_share >= 1.0;
+    let sees_nothing = found.points == 0 || found.zero_share.max(found.not_finite_share) >= 1.0;
     if found.points > 0 {
         expected.judge(found, &mut reasons);
         let told = [about_scans, about_beams, about_mounting];
@@ -77,7 +77,7 @@ pub(super) fn findings(
         let text = if source.is_live() && found.points == 0 {
             format!("no scan of a known sensor came within 5 s: does it send here? {silence}")
         } else {
-            "no returns in these scans: are they scans, with the columns that --columns says?"
+            "no returns in these scans: are they scans, of the right columns (--columns)?"
                 .to_string()
         };
         findings.push((Failure, text));

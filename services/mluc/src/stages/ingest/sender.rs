@@ -3,7 +3,7 @@
 use std::panic::resume_unwind;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, Result, ensure};
 use crossbeam_channel::{RecvTimeoutError, bounded};
 use mluc_ingest::{DecodeReport, Expected, Guard, decode_bin, inspect_bin};
 use mluc_ipc_types::{Flags, FrameHeader, HealthState, Object, POINTS_MAX, Point, Stage, Topic};
@@ -54,7 +54,7 @@ impl Sender<'_> {
         model: &Model,
         sensor: Option<SensorProfile>,
         start_sequence: u64,
-    ) -> anyhow::Result<Sender<'a>> {
+    ) -> Result<Sender<'a>> {
         let output = shell.output::<Point>(&Topic::POINTS, POINTS_MAX)?;
         let objects = shell.input::<Object>(&Topic::OBJECTS)?;
         let downstream = DownstreamStages {
@@ -122,7 +122,7 @@ impl Sender<'_> {
 
     /// Reads the scan of `sequence` from its source, unless it is the one read last; a scan that was set aside is not read. Waits for a
     /// live sensor. False: there is no such scan, this process was asked to end, or `end_ns` has passed.
-    pub(crate) fn load(&mut self, sequence: u64, end_ns: u64) -> anyhow::Result<bool> {
+    pub(crate) fn load(&mut self, sequence: u64, end_ns: u64) -> Result<bool> {
         let set_aside = &self.suspicion.guards.control.look().set_aside;
         let is_set_aside = set_aside.contains(&self.source.index(sequence));
         let is_new = self.loaded.sequence != Some(sequence);
@@ -151,12 +151,7 @@ impl Sender<'_> {
         Ok(true)
     }
 
-    fn await_scan(
-        &mut self,
-        sequence: u64,
-        is_set_aside: bool,
-        end_ns: u64,
-    ) -> anyhow::Result<bool> {
+    fn await_scan(&mut self, sequence: u64, is_set_aside: bool, end_ns: u64) -> Result<bool> {
         let mut is_said = false;
         loop {
             match self.read(sequence, is_set_aside)? {
@@ -176,7 +171,7 @@ impl Sender<'_> {
     }
 
     /// Reads a file in a thread while heartbeats are sent, so that a slow disk does not look like a stage that hangs.
-    fn read(&mut self, sequence: u64, is_set_aside: bool) -> anyhow::Result<Next> {
+    fn read(&mut self, sequence: u64, is_set_aside: bool) -> Result<Next> {
         let (source, scan) = (&mut self.source, &mut self.loaded.scan);
         if is_set_aside {
             return source.pass_over(sequence, scan);
@@ -208,7 +203,7 @@ impl Sender<'_> {
     }
 
     /// Publishes the scan that is loaded as `sequence`. `due_ns`: when the scan was due or requested, on the monotonic clock.
-    pub(crate) fn send(&mut self, sequence: u64, attempt: u32, due_ns: u64) -> anyhow::Result<()> {
+    pub(crate) fn send(&mut self, sequence: u64, attempt: u32, due_ns: u64) -> Result<()> {
         let started_ns = monotonic_ns();
         self.shell.note_frame(Some(sequence));
         let (scan, report) = (&self.loaded.scan, self.loaded.report);

@@ -69,9 +69,7 @@ fn slowest(session: &mut Session, frames: [(Vec<Point>, Vec<Detection>); 3]) -> 
         let answer = session.ask(&mut frame)?;
         slowest_ms = slowest_ms.max(answer.took_ms(&frame));
     }
-    Ok(format!(
-        "3 frames answered, the slowest in {slowest_ms:.1} ms"
-    ))
+    Ok(format!("3 answered, the slowest in {slowest_ms:.1} ms"))
 }
 
 fn spread(number: usize) -> Thing {
@@ -139,7 +137,5 @@ pub(super) fn sent_again(session: &mut Session) -> Outcome {
     let second = session.ask(&mut frame)?;
     let is_same = first.objects == second.objects;
     let which = if is_same { "the same" } else { "OTHER" };
-    Ok(format!(
-        "both answered; the same frame gave {which} objects"
-    ))
+    Ok(format!("both answered; the frame gave {which} objects"))
 }

@@ -27,9 +27,7 @@ pub(super) fn sequences(session: &mut Session) -> Outcome {
         session.must_refuse(what, frame)?;
     }
     let count = hostile.len();
-    Ok(format!(
-        "{count} refused, each sound frame after them answered"
-    ))
+    Ok(format!("{count} refused, each sound one after it answered"))
 }
 
 pub(super) fn other_run(session: &mut Session) -> Outcome {
