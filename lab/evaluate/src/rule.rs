@@ -231,11 +231,8 @@ fn is_judged(class: &str, rules: &[ClassRule]) -> bool {
 }
 
 /// Classes of labels that no rule covers and that are neither KITTI's nor the simulator's, in alphabetical order: probably misspelt.
-pub fn unrecognized<'a>(
-    labels: impl Iterator<Item = &'a Label>,
-    rules: &[ClassRule],
-) -> Vec<String> {
-    let classes: BTreeSet<&str> = labels.map(|label| label.class.as_str()).collect();
+pub fn unrecognized<'a>(all: impl Iterator<Item = &'a Label>, rules: &[ClassRule]) -> Vec<String> {
+    let classes: BTreeSet<&str> = all.map(|label| label.class.as_str()).collect();
     let unrecognized = |class: &&str| !is_recognized(class) && !is_judged(class, rules);
     let classes = classes.into_iter().filter(unrecognized);
     classes.map(str::to_owned).collect()

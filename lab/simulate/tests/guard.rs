@@ -7,7 +7,7 @@ use mluc_ingest::{DecodeReport, Expected, Guard};
 use mluc_ipc_types::{Flags, Point};
 use mluc_model::{Manifest, Model, SensorProfile};
 use mluc_simulate::{Family, Split, frame};
-use mluc_tests::{data_folder, skip};
+use mluc_tests::{data_folder, root, skip};
 use std::path::Path;
 
 type Scan = Vec<Point>;
@@ -17,8 +17,7 @@ const SCANS: usize = 10;
 
 /// What the shipped model accepts: any sensor, all around.
 fn takes() -> Manifest {
-    let weights = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights");
-    let shipped = Model::read(&Path::new(weights).join("any-open.safetensors"));
+    let shipped = Model::read(&root().join("weights/any-open.safetensors"));
     shipped.expect("a model").manifest
 }
 

@@ -122,14 +122,9 @@ impl Backbone {
         self.watched(points, Coverage::Active, Watch::Steps(steps))
     }
 
-    /// [`Backbone::run`] that passes every level to `observe` and may compute all cells.
-    pub fn run_observed(
-        &mut self,
-        points: &[[f32; 4]],
-        coverage: Coverage,
-        observe: Observer,
-    ) -> Frame {
-        self.watched(points, coverage, Watch::Levels(observe, vec![]))
+    /// [`Backbone::run`] that passes every level to `show` and may compute all cells.
+    pub fn run_observed(&mut self, points: &[[f32; 4]], over: Coverage, show: Observer) -> Frame {
+        self.watched(points, over, Watch::Levels(show, vec![]))
     }
 
     fn watched(&mut self, points: &[[f32; 4]], coverage: Coverage, mut watch: Watch) -> Frame {

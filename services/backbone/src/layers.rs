@@ -93,12 +93,7 @@ impl<V: Value> Layers<V> {
         &self.features.cells.list
     }
 
-    pub(crate) fn run(
-        &mut self,
-        points: &[[f32; 4]],
-        coverage: Coverage,
-        watch: &mut Watch,
-    ) -> Frame {
+    pub(crate) fn run(&mut self, points: &[[f32; 4]], over: Coverage, watch: &mut Watch) -> Frame {
         let points = self.sparse.run(points, watch);
         self.fold_height();
         let place = Place::Map(self.map_shape());
@@ -107,7 +102,7 @@ impl<V: Value> Layers<V> {
         watch.level("bev", place, self.map_channels, values);
         let (mut values, mut active) = (&self.map, &self.occupied);
         for layer in self.block1.iter_mut().chain(&mut self.block2) {
-            layer.run(values, active, coverage);
+            layer.run(values, active, over);
             (values, active) = (&layer.values, &layer.active);
             watch.step(&layer.name);
             let place = Place::Map(active.shape);

@@ -231,9 +231,12 @@ pub struct StageSettings {
 impl Settings {
     /// Whether ingest reads a ROS 2 topic, which the program `mluc-ros2` alone opens.
     pub(crate) fn reads_ros2(&self) -> bool {
-        let inputs = self.lidar.iter().map(|lidar| &lidar.input);
-        let mut inputs = inputs.chain(&self.input);
-        inputs.any(|input| ros2_topic(input).is_some())
+        self.inputs().any(|input| ros2_topic(input).is_some())
+    }
+
+    fn inputs(&self) -> impl Iterator<Item = &PathBuf> {
+        let lidars = self.lidar.iter().map(|lidar| &lidar.input);
+        lidars.chain(&self.input)
     }
 
     /// Opens what ingest reads; `None`: nothing is given.
@@ -331,20 +334,16 @@ impl Settings {
                 return refused(format!("{key} must be {low} to {high}, found {value}"));
             }
         }
-        let inputs = self.lidar.iter().map(|lidar| &lidar.input);
-        let mut inputs = inputs.chain(&self.input);
-        if let Some(input) = inputs.find(|input| is_incomplete(input)) {
+        if let Some(input) = self.inputs().find(|input| is_incomplete(input)) {
+            let kinds = "scans, udp:PORT, udp:ADDRESS:PORT, ros2:/TOPIC or follow:DIR";
             let input = input.display();
-            return refused(format!(
-                "input: expected scans, udp:PORT, ros2:/TOPIC or follow:DIR, found '{input}'"
-            ));
+            return refused(format!("input: expected {kinds}, found '{input}'"));
         }
         let mut names = self.lidar.iter().map(|lidar| &lidar.name);
         let mut seen = BTreeSet::new();
         if let Some(name) = names.find(|name| name.is_empty() || !seen.insert(*name)) {
-            return refused(format!(
-                "name of [[lidar]]: expected another for each, found '{name}'"
-            ));
+            let expected = "expected a different one for each";
+            return refused(format!("name of [[lidar]]: {expected}, found '{name}'"));
         }
         self.sensor.load()?;
         self.level()?;

@@ -89,7 +89,7 @@ pub fn log_to_stderr(process: &'static str, default_filter: &str) {
     let filter = given.as_ref().and_then(read);
     if let (Some(words), None) = (&given, &filter) {
         let text = format!(
-            "MLUC_LOG: expected a level (error, warn, info, debug, trace) or MODULE=LEVEL,.., found {words}"
+            "MLUC_LOG: expected a level (off, error, warn, info, debug, trace) or MODULE=LEVEL,.., found {words}: {default_filter} is used"
         );
         let line = log_line(process, Level::WARN, &text, &[]);
         let _ = PatientStderr(Duration::ZERO).write_all(format!("{line}\n").as_bytes());

@@ -1,7 +1,7 @@
 //! SIGTERM and SIGINT set one flag, SIGHUP sets another. The loops check these flags.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, OnceLock};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
@@ -16,12 +16,16 @@ impl Shutdown {
     /// Listens for SIGTERM and SIGINT; the process has one such flag, so none is missed between two connections. Repeated signals have no
     /// further effect: the process always cleans up. SIGQUIT and SIGKILL end it at once.
     pub fn on_signals() -> Result<Shutdown> {
-        static ASKED: LazyLock<Shutdown> = LazyLock::new(Shutdown::default);
+        static ASKED: OnceLock<Shutdown> = OnceLock::new();
+        if let Some(asked) = ASKED.get() {
+            return Ok(asked.clone());
+        }
+        let asked = Shutdown::default();
         for signal in [SIGTERM, SIGINT] {
             let failed = RuntimeError::io("listening for signals", "SIGTERM, SIGINT");
-            flag::register(signal, ASKED.0.clone()).map_err(failed)?;
+            flag::register(signal, asked.0.clone()).map_err(failed)?;
         }
-        Ok(ASKED.clone())
+        Ok(ASKED.get_or_init(|| asked).clone())
     }
 
     /// Asks this process to end.

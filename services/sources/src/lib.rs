@@ -117,7 +117,7 @@ pub fn is_live(input: &Path) -> bool {
     address(input).is_some() || ros2_topic(input).is_some() || followed(input).is_some()
 }
 
-/// Whether an input names nothing to read: no path, or an address that is none.
+/// Whether an input names nothing to read: no path, or an invalid address.
 pub fn is_incomplete(input: &Path) -> bool {
     let nothing = ["", FOLLOW, "ros2:", "ros2:/"];
     address(input).is_some_and(|address| address.is_err())

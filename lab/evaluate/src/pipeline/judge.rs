@@ -178,7 +178,7 @@ pub fn choose_profiles(
         let objects = objects_at(model, gate, set, frames, &settings, vec![threshold], &|| ())?;
         Ok::<_, EvaluateError>(objects.labelled(frames, 0))
     };
-    // Every scan is a drive of its own: validation scans show different scenes.
+    // Every scan is a drive of its own: scans of validation show different scenes. Scans of one drive give scores that are too low.
     let operating = |scans: &[LabelledFrame]| Operating::of(scans, &vec![1; scans.len()], rules);
     let of_unknown = published(0.0, 0.0)?;
     let judged = operating(&of_unknown);
@@ -197,14 +197,22 @@ pub fn choose_profiles(
     };
     // An object that is not published as unknown may be published as known, and the points of a known object that is not published may be unknown.
     let least = |most_unknown: f64, most_known: f64| {
-        let known_min =
-            |left: &[LabelledFrame]| operating(left).safe_score_min(ObjectKind::Known, most_known);
-        let mut unknown = unknown_min(&of_unknown, most_unknown);
-        let known = known_min(&published(unknown, 0.0)?);
-        unknown = unknown.max(unknown_min(&published(0.0, known)?, most_unknown));
-        let left = published(unknown, 0.0)?;
+        let (mut unknown, mut known) = (unknown_min(&of_unknown, most_unknown), 0.0_f32);
+        let mut left = published(unknown, 0.0)?;
+        // Each score raises the other, if at all, by less and less.
+        for _ in 0..4 {
+            known = operating(&left)
+                .safe_score_min(ObjectKind::Known, most_known)
+                .max(known);
+            let more = unknown_min(&published(0.0, known)?, most_unknown);
+            if more <= unknown {
+                break;
+            }
+            unknown = more;
+            left = published(unknown, 0.0)?;
+        }
         let score_min = ScoreMin {
-            known: known.max(known_min(&left)),
+            known,
             unknown,
             both_readings: false,
         };

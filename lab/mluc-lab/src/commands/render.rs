@@ -74,7 +74,9 @@ impl RenderArguments {
     fn scans(&self) -> anyhow::Result<Vec<PathBuf>> {
         if !self.scan.is_dir() {
             let path = self.scan.display();
-            let is_scan = self.scan.exists() && self.scan.extension().is_some_and(|e| e == "bin");
+            let name = self.scan.to_string_lossy();
+            let is_bin = name.ends_with(".bin") && !name.ends_with(".pcd.bin");
+            let is_scan = self.scan.exists() && is_bin;
             ensure!(
                 is_scan,
                 "{path}: expected a .bin scan or a folder of them; `mluc demo --input` draws others"

@@ -17,6 +17,7 @@ const LINES_HOLD: usize = 32;
 /// Time for the reader at the end if the program was asked to end; the next limit is the time for each line at pace `sensor`.
 const END_PATIENCE: Duration = Duration::from_millis(300);
 const IDLE_PATIENCE: Duration = Duration::from_secs(2);
+const FULL: [ErrorKind; 2] = [ErrorKind::StorageFull, ErrorKind::QuotaExceeded];
 
 pub(crate) struct LineWriter {
     lines: Sender<Vec<u8>>,
@@ -100,18 +101,22 @@ impl LineWriter {
 
 /// Returns the number of lines that a full disk has cost at pace `sensor`: consumers of shared memory need the pipeline.
 fn write_all(waiting: Receiver<Vec<u8>>, mut output: impl Write, pace: Pace) -> io::Result<u64> {
-    let mut lost = 0;
-    for line in waiting {
-        // A reader that follows the run sees each frame at once.
-        match output.write_all(&line).and_then(|()| output.flush()) {
-            Err(error) if error.kind() == ErrorKind::StorageFull && pace == Pace::Sensor => {
-                lost += 1;
-                tracing::warn!("a line was lost: {error}");
-                // The next line shall not continue the part that was written.
-                let _ = output.write_all(b"\n");
-            }
-            written => written?,
+    let (mut lost, mut is_torn) = (0, false);
+    for mut line in waiting {
+        if is_torn {
+            // The part of the last line that was written must not continue in this one.
+            line.insert(0, b'\n');
         }
+        // A reader that follows the run sees each frame at once.
+        let written = output.write_all(&line).and_then(|()| output.flush());
+        let kind = written.as_ref().err().map(io::Error::kind);
+        is_torn = pace == Pace::Sensor && kind.is_some_and(|kind| FULL.contains(&kind));
+        if !is_torn {
+            written?;
+            continue;
+        }
+        lost += 1;
+        tracing::warn!("a line was lost: the disk is full");
     }
     Ok(lost)
 }

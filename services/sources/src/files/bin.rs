@@ -34,13 +34,13 @@ pub(crate) fn check_columns(sizes: &[u64], start: &[u8]) -> Result<(), SourceErr
     }
 }
 
-/// Whether more than a tenth of x, y and z are too small or too large for coordinates. Zeros are not.
+/// Whether more than a tenth of x and y are too small or too large for coordinates. Zeros are not.
 fn has_no_coordinates(start: &[u8]) -> bool {
     let numbers = numbers(start);
     let points = numbers.as_chunks::<4>().0;
-    let is_odd = |v: &&f32| **v != 0.0 && !(1e-6..1e6).contains(&v.abs()) && !v.is_nan();
-    let odd = points.iter().flat_map(|p| &p[..3]).filter(is_odd).count();
-    10 * odd > 3 * points.len()
+    let is_odd = |v: &&f32| **v != 0.0 && !(1e-6..1e6).contains(&v.abs()) && v.is_finite();
+    let odd = points.iter().flat_map(|p| &p[..2]).filter(is_odd).count();
+    10 * odd > 2 * points.len()
 }
 
 /// Whether the last of four numbers is negative in more than one hundredth of the points. It is then a coordinate.

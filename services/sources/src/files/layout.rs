@@ -91,7 +91,7 @@ impl Layout {
         match missing {
             Some(axis) if !self.columns.is_empty() => {
                 let found = self.columns.join(",");
-                refused("columns", format!("{axis} once among them"), found)
+                refused("columns", format!("{axis} named once"), found)
             }
             _ => Ok(()),
         }

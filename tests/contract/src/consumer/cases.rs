@@ -132,7 +132,9 @@ fn hostile_headers(session: &mut Session) -> Outcome {
         ensure!(line.is_none(), "{what}: it was used");
     }
     let count = spoils.len();
-    Ok(format!("{count} not used, each sound one behind taken"))
+    Ok(format!(
+        "{count} not used, the sound frame after each was taken"
+    ))
 }
 
 /// Whether a line passes on spoiled data: all published objects although one was spoiled, or points although the indices were spoiled.

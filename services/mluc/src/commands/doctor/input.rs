@@ -77,7 +77,7 @@ pub(super) fn findings(
         let text = if source.is_live() && found.points == 0 {
             format!("no scan of a known sensor came within 5 s: does it send here? {silence}")
         } else {
-            "no returns in these scans: are they scans, of the right columns (--columns)?"
+            "no returns in these scans: are they scans, and does --columns name their columns?"
                 .to_string()
         };
         findings.push((Failure, text));
