@@ -184,6 +184,7 @@ fn of_two_starts_at_once_one_runs() {
     let mut both = Vec::from(both);
     both.remove(refused).finish().assert_ended(1, 0);
     setting.stop(both.remove(0));
+    assert!(wait_for(SECOND, || leftovers(&setting.instance).is_empty()));
 }
 
 /// The messages that systemd gets from a service of `Type=notify` with `WatchdogSec=1`.

@@ -1,18 +1,16 @@
 //! The report: evaluations become rows, figures, pictures, JSON and a page.
 
 use crate::evaluate::{BOOTSTRAP_SEED, key, read_model, setting_rules, step_key};
-use crate::evaluated::{ByRow, Evaluated};
 use crate::methods::{METHODS, Method, full_steps};
 use crate::options::{Options, Screen, TestFrames, Tests};
 use crate::report::{ReproductionReport, figure5, figure6, page};
 use crate::train::{BASE, NETWORKS, command_of};
 use crate::{Layout, Result, combine::combine, layout::write_whole, pictures::figure6_scene};
-use crate::{real::real_rows, simulate::Simulation};
+use crate::{evaluated::ByRow, evaluated::Evaluated, real::real_rows, simulate::Simulation};
 use mluc_dataset::{Dataset, data_hash};
 use mluc_evaluate::{EvaluateError, JudgedFrames, LabelledFrame};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::{collections::BTreeMap, path::Path, path::PathBuf};
 
 const FIGURE_5: &str = "Figure 5: AP of the unknown and mAP of the known over the recall of the unknown, one curve a method";
 const FIGURE_6: &str = "Figure 6: the frame with most unknown objects within 32 m, as labelled and as each method sees it; unknown \

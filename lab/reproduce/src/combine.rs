@@ -1,7 +1,6 @@
 //! From evaluations to the rows of a report.
 
-use crate::evaluated::Evaluated;
-use crate::report::{MethodFigures, SpreadKind};
+use crate::{evaluated::Evaluated, report::MethodFigures, report::SpreadKind};
 use mluc_evaluate::{KNOWN_KEPT_MIN, SweepPoint};
 use mluc_geometry::mean_and_spread;
 use std::collections::BTreeMap;

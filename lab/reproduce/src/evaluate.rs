@@ -1,16 +1,13 @@
 //! The step that evaluates every row on one network.
 
-use crate::layout::{Layout, Run};
 use crate::methods::{Method, MethodInput, MethodRow, full_steps, run_method};
-use crate::options::{Screen, TestFrames};
 use crate::{Result, Setting, evaluated::Evaluated};
+use crate::{layout::Layout, layout::Run, options::Screen, options::TestFrames};
 use mluc_backbone::Precision;
-use mluc_evaluate::pipeline::{
-    DetectedFrame, GatedObjects, detect_frames, paper_rules, separation, unknown_classes,
-};
-use mluc_evaluate::{
-    ClassRule, EvaluateError, JudgedFrames, JudgedPoint, SweepPoint, best_index, honest,
-};
+use mluc_evaluate::pipeline::{DetectedFrame, GatedObjects, detect_frames};
+use mluc_evaluate::pipeline::{paper_rules, separation, unknown_classes};
+use mluc_evaluate::{ClassRule, EvaluateError, JudgedFrames};
+use mluc_evaluate::{JudgedPoint, SweepPoint, best_index, honest};
 use mluc_model::Model;
 use mluc_train::NetworkKind;
 

@@ -1,8 +1,7 @@
 //! The scenes of figure 6: the chosen frames, and the objects of each row in them.
 
-use crate::evaluated::{ByRow, Evaluated};
-use crate::report::{DrawnScene, Panel};
 use crate::{Result, evaluate::setting_rules, options::TestFrames};
+use crate::{evaluated::ByRow, evaluated::Evaluated, report::DrawnScene, report::Panel};
 use mluc_evaluate::{Difficulty, ObjectKind, SensorDetection};
 
 /// Columns of figure 6 after the labels, for the evaluated rows; where two have the same title, the first one.

@@ -1,14 +1,12 @@
 //! Rows on recorded scans, with networks and thresholds from simulated scans only: nothing is chosen on recorded scans.
 
-use crate::evaluated::{ByRow, Evaluated};
 use crate::methods::{METHODS, MethodInput, MethodRow, run_method};
-use crate::options::{Screen, TestFrames};
 use crate::{Result, Setting, evaluate::read_model, layout::Layout};
+use crate::{evaluated::ByRow, evaluated::Evaluated, options::Screen, options::TestFrames};
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, folder_tail, unknown_classes};
-use mluc_evaluate::{
-    ClassReport, ClassRule, LabelledFrame, UNKNOWN_IOUS, UnknownProtocol, evaluate,
-};
+use mluc_evaluate::{ClassReport, ClassRule, LabelledFrame};
+use mluc_evaluate::{UNKNOWN_IOUS, UnknownProtocol, evaluate};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::PathBuf};
 

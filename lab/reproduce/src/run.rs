@@ -1,9 +1,8 @@
 //! Runs the steps, one after the other.
 
 use crate::options::{Options, Screen, TestFrames, Tests};
-use crate::plan::{Step, Work, plan};
-use crate::train::{RunState, run_state};
 use crate::{Result, Setting, assemble::write_report, evaluate::evaluate_network};
+use crate::{plan::Step, plan::Work, plan::plan, train::RunState, train::run_state};
 use mluc_dataset::{Dataset, check_files, prepare};
 use mluc_evaluate::EvaluateError;
 use std::{collections::btree_map::Entry, path::PathBuf};

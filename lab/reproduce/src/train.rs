@@ -8,9 +8,7 @@ use mluc_model::Model;
 use mluc_train::{NetworkKind, TrainSettings};
 use serde::Deserialize;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::sync::LazyLock;
+use std::{path::Path, path::PathBuf, process::Command, process::Stdio, sync::LazyLock};
 
 pub(crate) struct Training {
     pub(crate) network: NetworkKind,

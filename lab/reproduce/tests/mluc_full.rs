@@ -5,10 +5,8 @@ use mluc_evaluate::SensorDetection;
 use mluc_evaluate::pipeline::{FrameSet, ModelGate, detect_frames};
 use mluc_head::{Detection, Head};
 use mluc_ipc_types::ObjectKind;
-use mluc_model::{
-    CLUSTER_SCORER, CLUSTER_SCORER_VALUES, Grid, HeadKind, Manifest, Model, Network,
-    formula_uniform, formula_weights, model_bytes,
-};
+use mluc_model::{CLUSTER_SCORER, CLUSTER_SCORER_VALUES, Grid, HeadKind, Manifest};
+use mluc_model::{Model, Network, formula_uniform, formula_weights, model_bytes};
 use mluc_refiner::{Refiner, RefinerOutput, Settings};
 use mluc_reproduce::methods::{Method, MethodInput, run_method};
 use mluc_simulate::{ExportOptions, Family, Split, export};

@@ -87,6 +87,19 @@ fn a_perfect_detector_is_capped_below_41_labels() {
 }
 
 #[test]
+fn one_hit_of_ten_labels() {
+    let labels: Vec<Label> = (0..10).map(|i| object("Car", i)).collect();
+    let detection = found(&labels[3], "Car", 0.9);
+    let curve = curve(&[frame(labels, vec![detection])], &car(0.7), SPACE);
+    let ap = curve.average_precision();
+    close(ap.r11, 9.0909);
+    close(ap.r40, 0.0);
+    close(ap.all, 10.0);
+    close(curve.recall_percent(), 10.0);
+    assert_eq!(curve.truth_count, 10);
+}
+
+#[test]
 fn nothing_labelled_or_nothing_found_is_zero() {
     let label = object("Car", 0);
     let detection = found(&label, "car", 0.5);

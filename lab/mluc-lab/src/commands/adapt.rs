@@ -11,20 +11,17 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use mluc_backbone::Precision;
 use mluc_dataset::{Dataset, whole_file::write_whole};
-use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, ModelJudgement, choose_profiles, detect_frames, judge,
-    write_precisions, write_profiles,
-};
+use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, ModelJudgement, choose_profiles};
+use mluc_evaluate::pipeline::{detect_frames, judge, write_precisions, write_profiles};
 use mluc_model::{Model, SensorProfile, Takes, model_bytes};
 use mluc_refiner::Settings;
 use mluc_simulate::{Class, Split, rays};
 use mluc_train::{check_known, enter};
 use plan::{Plan, Request};
 
-use super::quantize::{RANGE_FRAMES, quantized};
-use super::simulate::export_with_progress;
 use super::terminal::{Threads, counted, print_err, print_out};
 use super::train::{train, tune_memory};
+use super::{quantize::RANGE_FRAMES, quantize::quantized, simulate::export_with_progress};
 
 /// Initial weights without --init.
 const ANY_OPEN: &[u8] = include_bytes!("../../../../weights/any-open.safetensors");

@@ -8,8 +8,7 @@ use mluc_evaluate::{SensorDetection, input::read_json_lines};
 use mluc_gateway::picture::{BoxKind, Canvas, DrawnBox, View, bird_eye, perspective};
 use mluc_ipc_types::FrameHeader;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::{collections::BTreeMap, path::Path, path::PathBuf};
 
 /// Maximum number of pictures in a sheet or an animation: they are all in memory.
 const PICTURES_MAX: usize = 256;

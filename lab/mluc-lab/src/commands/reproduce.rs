@@ -1,7 +1,6 @@
 //! `mluc-lab reproduce`: the paper's tables with one command.
 
-use super::terminal::{Progress, Threads, print_out};
-use super::train::commit;
+use super::{terminal::Progress, terminal::Threads, terminal::print_out, train::commit};
 use anyhow::Context;
 use clap::Args;
 use mluc_reproduce::{Options, Screen, run};

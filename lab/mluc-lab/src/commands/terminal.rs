@@ -1,10 +1,9 @@
 //! Output of the commands, and common options. A full or closed terminal or file must not stop the work.
 
 use mluc_dataset::whole_file::write_whole;
-use std::io::{IsTerminal, Write, stderr, stdout};
-use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use std::{fmt::Display, path::Path};
+use std::{io::IsTerminal, io::Write, io::stderr, io::stdout, sync::Mutex, sync::PoisonError};
 
 use anyhow::Context;
 use clap::builder::{PossibleValuesParser, RangedU64ValueParser, TypedValueParser};

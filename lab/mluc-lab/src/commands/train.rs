@@ -4,9 +4,8 @@ use super::terminal::{Progress, Threads, print_err, print_out};
 use std::path::PathBuf;
 
 use clap::Args;
-use mluc_train::{
-    NetworkKind, Progress as TrainProgress, Run, TrainEvent, TrainSettings, train_osis,
-};
+use mluc_train::{NetworkKind, Progress as TrainProgress};
+use mluc_train::{Run, TrainEvent, TrainSettings, train_osis};
 
 /// Train the network on a simulated or recorded data set and write its model file.
 ///

@@ -5,8 +5,7 @@ use mluc_head::Head;
 use mluc_model::{AnchorClass, Grid, HeadKind, Manifest, Network, Tensor, WeightSet};
 use mluc_train::export::empty_objectness_max;
 
-use super::checkpoint::{self, Checkpoint};
-use super::names::{is_unchanged, tensor_names};
+use super::{checkpoint, checkpoint::Checkpoint, names::is_unchanged, names::tensor_names};
 
 /// A model that passes every check.
 #[derive(Clone, Debug, PartialEq)]

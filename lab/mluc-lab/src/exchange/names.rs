@@ -3,9 +3,8 @@
 //! Its modules are lists of modules, so a name contains indices: in a block of the bird's-eye part, padding, convolution,
 //! normalisation and ReLU of layer `i` have the indices 0, 1 + 3 i, 2 + 3 i and 3 + 3 i.
 
-use mluc_model::{
-    BASELINE, CLUSTER_SCORER, Network, calibrated_layers, calibration_tensor, expected_tensors,
-};
+use mluc_model::{BASELINE, CLUSTER_SCORER, Network, calibrated_layers};
+use mluc_model::{calibration_tensor, expected_tensors};
 
 /// OpenPCDet's name of one of our tensors; heads that it does not have are named in the same way.
 pub fn openpcdet_name(ours: &str) -> String {

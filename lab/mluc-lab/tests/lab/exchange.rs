@@ -141,7 +141,6 @@ fn what_is_missing_or_too_much_or_of_another_shape_is_named() -> Fallible {
         let error = refused(&file(&changed));
         assert!(error.contains(words), "{error}");
     }
-    assert!(refused(b"").contains("found 0 bytes"));
     Ok(())
 }
 
@@ -152,6 +151,28 @@ fn a_network_that_sees_things_in_an_empty_scene_is_refused() -> Fallible {
     let error = refused(&file(&entries(&network, &loud, SparseLayout::OutTapsIn)?));
     assert!(error.contains("empty scene"), "{error}");
     Ok(())
+}
+
+#[test]
+fn files_of_any_length_and_with_any_byte_changed_are_refused() {
+    let tensor = Tensor {
+        shape: vec![2, 3],
+        data: vec![0.5; 6],
+    };
+    let name = "backbone_3d.conv_input.0.weight".to_owned();
+    let file = file(&BTreeMap::from([(name, tensor)]));
+    assert!(refused(&file).contains("is missing"), "it was read whole");
+    for length in 0..file.len() {
+        refused(&file[..length]);
+    }
+    for place in 0..file.len() {
+        for flip in [0x01, 0x80, 0xFF] {
+            let mut changed = file.clone();
+            changed[place] ^= flip;
+            refused(&changed);
+        }
+    }
+    assert!(refused(b"").contains("found 0 bytes"));
 }
 
 #[test]

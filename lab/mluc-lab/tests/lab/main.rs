@@ -9,8 +9,7 @@ mod train;
 
 use mluc_tests::write_file;
 use serde_json::Value;
-use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::{path::PathBuf, process::Command, process::Output};
 
 struct Folder(tempfile::TempDir);
 

@@ -3,9 +3,7 @@
 use crate::{Folder, text};
 use mluc_model::{Model, model_bytes};
 use mluc_reproduce::{RunState, run_state};
-use std::fs::{self, File};
-use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::{fs, fs::File, process::Command, process::Stdio, time::Duration, time::Instant};
 
 /// A folder with four simulated scans in `data/train`.
 fn place() -> Folder {

@@ -14,9 +14,8 @@ pub use full::full_steps;
 pub use rows::{METHODS, Method, MethodRow};
 
 use crate::Result;
-use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, GatedObjects, ModelGate, THRESHOLDS, objects_at,
-};
+use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, GatedObjects};
+use mluc_evaluate::pipeline::{ModelGate, THRESHOLDS, objects_at};
 use mluc_model::Model;
 use mluc_refiner::{Settings, Variant};
 

@@ -5,14 +5,12 @@
 
 use std::{collections::BTreeMap, f64::consts::FRAC_PI_2};
 
-use super::MethodInput;
-use super::dbscan::{Group, cluster};
 use super::osis_embedding::{Embedder, Standing};
+use super::{MethodInput, dbscan::Group, dbscan::cluster};
 use crate::Result;
 use mluc_evaluate::SensorDetection;
 use mluc_evaluate::pipeline::{GatedObjects, ModelGate, box_of};
-use mluc_geometry::ground::{GroundGrid, ground_height_m};
-use mluc_geometry::{Box3, Inside};
+use mluc_geometry::{Box3, Inside, ground::GroundGrid, ground::ground_height_m};
 use mluc_head::Detection;
 use mluc_ipc_types::Point;
 use mluc_refiner::fit::{ClusterPoints, minimum_area};

@@ -6,8 +6,7 @@ use mluc_evaluate::EvaluateError;
 use mluc_ipc_types::Point;
 use mluc_model::Model;
 use mluc_train::embedding::{FrameFeatures, PointEmbedding, WIDTH, means};
-use std::collections::BTreeMap;
-use std::sync::{Mutex, PoisonError};
+use std::{collections::BTreeMap, sync::Mutex, sync::PoisonError};
 
 /// A point is background where that is more likely than anything else by this factor.
 const MARGIN: f32 = 1.0;

@@ -1,7 +1,6 @@
 //! The request of an adaptation, and the amount of work that fits the time, from a short probe of this machine.
 
-use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::{path::Path, path::PathBuf, time::Instant};
 
 use anyhow::{Context, ensure};
 use mluc_dataset::whole_file::write_whole;
@@ -10,9 +9,8 @@ use mluc_simulate::{Class, ExportOptions, Family, Split};
 use mluc_train::TrainSettings;
 use serde::{Deserialize, Serialize};
 
-use super::super::train::{commit, train};
 use super::super::{simulate::export_with_progress, terminal::print_err};
-use super::lower;
+use super::{super::train::commit, super::train::train, lower};
 
 const BATCH: usize = 4;
 /// Number of times that a scan is trained on: a guess that balances few scenes against few repetitions.

@@ -3,9 +3,8 @@
 use super::{compared::Compared, warn_unrecognized};
 use crate::commands::terminal::{print_err, print_out};
 use clap::Args;
-use mluc_evaluate::{
-    Breakdown, ClassReport, UnknownProtocol, evaluate, input::rings, paired, render, unevaluated,
-};
+use mluc_evaluate::{Breakdown, ClassReport, UnknownProtocol, evaluate};
+use mluc_evaluate::{input::rings, paired, render, unevaluated};
 use serde_json::json;
 use std::path::PathBuf;
 

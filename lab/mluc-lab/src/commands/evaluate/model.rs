@@ -5,10 +5,9 @@ use crate::commands::terminal::{counted, one_of, print_out};
 use anyhow::ensure;
 use clap::{Args, builder::RangedU64ValueParser};
 use mluc_backbone::Precision;
-use mluc_evaluate::pipeline::{
-    FrameSet, ModelGate, choose_profiles, choose_threshold, detect_frames, judge, read_parts,
-    sweep_gate, unknown_classes, write_part, write_precisions, write_profiles, write_threshold,
-};
+use mluc_evaluate::pipeline::{FrameSet, ModelGate, choose_profiles, choose_threshold};
+use mluc_evaluate::pipeline::{detect_frames, judge, read_parts, sweep_gate, unknown_classes};
+use mluc_evaluate::pipeline::{write_part, write_precisions, write_profiles, write_threshold};
 use mluc_model::Model;
 use mluc_refiner::{Settings, Variant};
 use mluc_simulate::shard;

@@ -3,14 +3,12 @@
 mod noise;
 mod picture;
 
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::{path::Path, path::PathBuf, time::Duration, time::Instant};
 
 use anyhow::{Result, ensure};
 use clap::Args;
 use mluc_evaluate::render;
-use mluc_ingest::estimate::{Estimator, SensorEstimate};
-use mluc_ingest::{POINT_BYTES, bin_points};
+use mluc_ingest::{POINT_BYTES, bin_points, estimate::Estimator, estimate::SensorEstimate};
 use mluc_ipc_types::Point;
 use mluc_model::SensorProfile;
 use mluc_sources::{LayoutArgs, Next, Scan, Source};
