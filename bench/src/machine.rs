@@ -1,7 +1,6 @@
 //! The machine that a figure belongs to, and the program that was measured: without them a figure means little.
 
-use std::time::{SystemTime, UNIX_EPOCH};
-use std::{fs::read_to_string, path::Path, process::Command};
+use std::{fs::read_to_string, path::Path, process::Command, time::SystemTime, time::UNIX_EPOCH};
 
 use mluc::placement::usable_cpus;
 use mluc_geometry::{FNV_OFFSET, fnv1a};

@@ -1,9 +1,8 @@
 //! The functions that C calls. No panic reaches the caller.
 
-use std::ffi::{CStr, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::{from_ref, null};
-use std::time::Duration;
+use std::{ffi::CStr, ffi::c_char, time::Duration};
 
 use bytemuck::Zeroable;
 use mluc_ipc_types::{

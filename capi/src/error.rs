@@ -1,7 +1,6 @@
 //! Errors as codes; each thread keeps the message of its last error.
 
-use std::cell::RefCell;
-use std::ffi::{CString, c_char};
+use std::{cell::RefCell, ffi::CString, ffi::c_char};
 
 use mluc_ipc_types::ContractError;
 use mluc_runtime::RuntimeError;

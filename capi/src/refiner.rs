@@ -120,11 +120,9 @@ impl Refiner {
         };
         Object::checked(header, objects, self.classes())?;
         if objects.len() < detections.len() {
-            return Err(Failure::from(ContractError::Mismatch {
-                what: "objects (one for each detection, suppressed ones too)",
-                expected: detections.len() as u64,
-                found: objects.len() as u64,
-            }));
+            let what = "objects (one for each detection, suppressed ones too)";
+            let [expected, found] = [detections.len(), objects.len()].map(|count| count as u64);
+            return Err(ContractError::Mismatch(what, expected, found).into());
         }
         Object::checked_points(header, indices, points.len())?;
         Object::checked_ranges(objects, indices.len())?;

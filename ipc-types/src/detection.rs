@@ -5,8 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::error::{Result, check_index, check_length, check_value, require};
-use crate::text::words;
-use crate::{CLASSES_MAX, ContractError, DETECTIONS_MAX, FrameHeader};
+use crate::{CLASSES_MAX, ContractError, DETECTIONS_MAX, FrameHeader, text::words};
 
 /// Which side of the gate a detection lies on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -11,27 +11,15 @@ pub enum ContractError {
         "wire version {found} of the sender, expected {expected}: run the same mluc on both sides"
     )]
     WireVersion { expected: u32, found: u32 },
-    /// A length beyond its bound.
-    #[error("{what}: {found} exceeds the limit of {limit}")]
-    TooLong {
-        what: &'static str,
-        limit: usize,
-        found: usize,
-    },
-    /// Two quantities that must agree.
-    #[error("{what}: expected {expected}, found {found}")]
-    Mismatch {
-        what: &'static str,
-        expected: u64,
-        found: u64,
-    },
-    /// An index outside of what it points into.
-    #[error("{what}: index {found} outside of {len} entries")]
-    Index {
-        what: &'static str,
-        len: usize,
-        found: usize,
-    },
+    /// A length beyond its bound: what, the bound, the length.
+    #[error("{0}: {2} exceeds the limit of {1}")]
+    TooLong(&'static str, usize, usize),
+    /// Two quantities that must agree: what, expected, found.
+    #[error("{0}: expected {1}, found {2}")]
+    Mismatch(&'static str, u64, u64),
+    /// An index outside of what it points into: what, the number of entries, the index.
+    #[error("{0}: index {2} outside of {1} entries")]
+    Index(&'static str, usize, usize),
     /// A number that is not a value of an enum.
     #[error("{what}: {found} is no known value")]
     Value { what: &'static str, found: u32 },
@@ -62,12 +50,11 @@ pub(crate) fn check_version(found: u32) -> Result<()> {
 }
 
 pub(crate) fn check_length(what: &'static str, found: usize, limit: usize) -> Result<()> {
-    let error = ContractError::TooLong { what, limit, found };
-    require(found <= limit, error)
+    require(found <= limit, ContractError::TooLong(what, limit, found))
 }
 
 pub(crate) fn check_index(what: &'static str, found: usize, len: usize) -> Result<()> {
-    require(found < len, ContractError::Index { what, len, found })
+    require(found < len, ContractError::Index(what, len, found))
 }
 
 /// Refuses a number that is not one of an enum's `values`, which begin at 0.
@@ -77,10 +64,6 @@ pub(crate) fn check_value(what: &'static str, found: u32, values: usize) -> Resu
 }
 
 pub(crate) fn check_equal(what: &'static str, found: u64, expected: u64) -> Result<()> {
-    let error = ContractError::Mismatch {
-        what,
-        expected,
-        found,
-    };
+    let error = ContractError::Mismatch(what, expected, found);
     require(found == expected, error)
 }

@@ -64,7 +64,7 @@ impl<'a> FeatureRows<'a> {
         let found = cells.last().map_or(0, |last| *last as usize);
         let are_on_map = cells.is_empty() || ascending && found < map_cells;
         let (what, len) = ("cell of a feature row", map_cells);
-        require(are_on_map, ContractError::Index { what, len, found })?;
+        require(are_on_map, ContractError::Index(what, len, found))?;
         Ok(FeatureRows {
             cells,
             rows: bytemuck::cast_slice(values),
@@ -154,7 +154,7 @@ mod tests {
         };
         for (block, place, cell) in [(0, 4, 1), (1, 3, MAP_CELLS)] {
             let error = changed(block, place, cell).unwrap_err();
-            assert!(matches!(error, ContractError::Index { .. }));
+            assert!(matches!(error, ContractError::Index(..)));
         }
         assert_eq!(changed(1, 3, MAP_CELLS - 1), Ok(()));
     }

@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::error::{Result, check_equal, check_version, require};
-use crate::{ContractError, NAME_MAX, RunDescription, Text, WIRE_VERSION};
+use crate::{ContractError, NAME_MAX, RunDescription, Text, WIRE_VERSION, text::values};
 
 /// The stages in the order a frame meets them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -23,20 +23,7 @@ pub enum Stage {
     Refiner = 3,
 }
 
-impl Stage {
-    /// All, in order.
-    pub const ALL: [Stage; 4] = [Stage::Ingest, Stage::Backbone, Stage::Head, Stage::Refiner];
-
-    /// `ingest`, `backbone`, `head`, `refiner`.
-    pub fn name(self) -> &'static str {
-        ["ingest", "backbone", "head", "refiner"][self as usize]
-    }
-
-    /// By name.
-    pub fn from_name(name: &str) -> Option<Stage> {
-        Stage::ALL.into_iter().find(|stage| stage.name() == name)
-    }
-}
+values!(Stage: Ingest "ingest" Backbone "backbone" Head "head" Refiner "refiner");
 
 /// When a stage received its input, began to compute and published: CLOCK_MONOTONIC, ns; 0 when it did not yet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]

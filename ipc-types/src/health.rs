@@ -5,8 +5,7 @@ use bytemuck::{Contiguous, Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::error::{Result, check_version, require};
-use crate::text::words;
-use crate::{ContractError, Disposition, Object, ObjectKind, REASON_MAX, Stage, Text};
+use crate::{ContractError, Disposition, Object, ObjectKind, REASON_MAX, Stage, Text, text::words};
 
 /// The states of a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Contiguous)]

@@ -2,7 +2,6 @@
 
 /// Version of everything in this crate; any change of a payload bumps it.
 pub const WIRE_VERSION: u32 = 6;
-
 /// Points of one scan; later ones are dropped, counted and flagged.
 pub const POINTS_MAX: usize = 262_144;
 /// Detections of one frame.

@@ -4,12 +4,11 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::detection::is_probability_or_none;
 use crate::error::{Result, check_index, check_length, check_value, require};
-use crate::text::words;
 use crate::{
     ContractError, FOOTPRINT_MAX, FrameHeader, GateKind, OBJECT_POINTS_MAX, OBJECTS_MAX, Stage,
 };
+use crate::{detection::is_probability_or_none, text::words};
 
 /// What an object is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -461,6 +460,6 @@ mod tests {
         };
         assert_eq!(check(&[0, 9]), Ok(vec![0, 9]));
         let error = check(&[0, 10]).unwrap_err();
-        assert!(matches!(error, ContractError::Index { found: 10, .. }));
+        assert!(matches!(error, ContractError::Index(_, _, 10)));
     }
 }

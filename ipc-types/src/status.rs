@@ -7,8 +7,7 @@ use bytemuck::{Contiguous, Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::error::{Result, check_version, require};
-use crate::text::words;
-use crate::{ContractError, REASON_MAX, Stage, Text};
+use crate::{ContractError, REASON_MAX, Stage, Text, text::words};
 
 /// The states. Only in [`StatusState::Running`] and [`StatusState::Degraded`], a missing object means that nothing is there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Contiguous)]

@@ -1,13 +1,14 @@
 //! Short text of fixed size, as plain bytes; the words of enums.
 
 /// Gives names to the values of an enum, which count from 0.
+#[macro_export]
 macro_rules! words {
     ($kind:ident: $($word:literal)+) => {
         impl $kind {
-            /// The names in the JSON lines and the contract, by number.
+            /// The names by number.
             pub const NAMES: [&str; [$($word),+].len()] = [$($word),+];
 
-            /// The name in the JSON lines and the contract.
+            /// The name in files, reports and messages, and on the command line.
             pub fn name(self) -> &'static str {
                 Self::NAMES[self as usize]
             }
@@ -15,6 +16,25 @@ macro_rules! words {
     };
 }
 pub(crate) use words;
+
+/// Like [`words!`], and lists the values.
+#[macro_export]
+macro_rules! values {
+    ($kind:ident: $($value:ident $word:literal)+) => {
+        $crate::words!($kind: $($word)+);
+
+        impl $kind {
+            /// All values, in the order of their numbers.
+            pub const ALL: [$kind; $kind::NAMES.len()] = [$($kind::$value),+];
+
+            /// By its name.
+            pub fn from_name(name: &str) -> Option<$kind> {
+                $kind::ALL.into_iter().find(|value| value.name() == name)
+            }
+        }
+    };
+}
+pub(crate) use values;
 
 /// UTF-8 padded with NUL. `Text` only reads and writes byte arrays: the payloads contain `[u8; N]`.
 pub struct Text;

@@ -6,9 +6,8 @@ use mluc_geometry::{FNV_OFFSET, fnv1a};
 use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, SafeTensors, View};
 
-use crate::error::{ModelError, Result};
-use crate::manifest::Manifest;
 use crate::tensors::{Tensor, WeightSet};
+use crate::{error::ModelError, error::Result, manifest::Manifest};
 
 /// Metadata key of the manifest.
 const MANIFEST_KEY: &str = "mluc";

@@ -2,8 +2,7 @@
 
 use mluc_geometry::{FNV_OFFSET, Random, fnv1a};
 
-use crate::network::Network;
-use crate::tensors::{WeightSet, expected_tensors};
+use crate::{network::Network, tensors::WeightSet, tensors::expected_tensors};
 
 /// A number in [0, 1) for element `index` of the tensor `name`: the first output of SplitMix64 from the state FNV-1a of the name + `index`.
 pub fn formula_uniform(name: &str, index: usize) -> f64 {

@@ -7,7 +7,6 @@ use crate::network::{Network, calibrated_layers};
 
 /// Tensors with this prefix belong to a baseline of the laboratory that is built on the network; no robot reads them.
 pub const BASELINE: &str = "baseline.";
-
 /// The cluster scorer, which a refiner reads if a model has one: dense layers on measurements of a cluster, ReLU between them; the
 /// output is the logit that the cluster drives or walks. Layer after layer: `[in][out]`, then a bias of `[out]`.
 pub const CLUSTER_SCORER: &str = "clusters.looks";

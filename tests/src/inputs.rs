@@ -1,7 +1,6 @@
 //! Synthetic models and scans, and a pipeline that runs on them.
 
-use std::path::{Path, PathBuf};
-use std::{fs, process::Command, time::Duration};
+use std::{fs, path::Path, path::PathBuf, process::Command, time::Duration};
 
 use rustix::process::Signal;
 use serde_json::Value;

@@ -1,7 +1,6 @@
 //! Things that not every machine has: external reference data, real scans, refiners in other languages (`.ci/examples` installs their needs).
 
-use std::io::{Write, stderr};
-use std::{path::PathBuf, process::Command};
+use std::{io::Write, io::stderr, path::PathBuf, process::Command};
 
 use mluc_backbone::{Backbone, BackboneError};
 use mluc_dataset::{DatasetError, file_stems, read_scan};

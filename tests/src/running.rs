@@ -3,9 +3,8 @@
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use std::{ffi::OsStr, path::PathBuf, thread::JoinHandle};
+use std::{ffi::OsStr, path::PathBuf, sync::Arc, sync::Mutex, thread::JoinHandle};
 
 use mluc_runtime::{HealthWatch, Instance, Shell, Shutdown};
 use procfs::process::Process;

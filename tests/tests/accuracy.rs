@@ -1,8 +1,7 @@
 //! Accuracy baselines: the shipped models on the labelled scans of this checkout, through backbone, head and refiner. The
 //! scans are few and simulated: the figures show that nothing broke, not how good a model is.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::{collections::BTreeMap, collections::BTreeSet, path::Path};
 
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, judge, unknown_classes};

@@ -1,7 +1,6 @@
 //! Bad input, a full disk, a reader that is gone: a clear error, or a flagged frame and then the next frame; never a panic.
 
-use std::fs::{self, File};
-use std::process::{Command, Stdio};
+use std::{fs, fs::File, process::Command, process::Stdio};
 
 use mluc_tests::{Setting, car_scan, leftovers, mluc_program};
 

@@ -1,7 +1,6 @@
 //! Which crate may depend on which, from `cargo metadata`; this includes transitive edges.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::sync::LazyLock;
+use std::{collections::BTreeMap, collections::BTreeSet, sync::LazyLock};
 
 use cargo_metadata::{DependencyKind, Metadata, MetadataCommand};
 use serde::Deserialize;

@@ -1,9 +1,7 @@
 //! Faulty shared memory: full, half-made, kept, rewritten after publication, or accessed by another user.
 
-use std::fs::{self, File};
-use std::os::unix::fs::{FileExt, MetadataExt};
-use std::process::Command;
 use std::time::{Duration, Instant};
+use std::{fs, fs::File, os::unix::fs::FileExt, os::unix::fs::MetadataExt, process::Command};
 
 use mluc_ipc_types::{Object, Topic};
 use mluc_runtime::{Input, Instance, Message, Payload, Shell};

@@ -1,7 +1,6 @@
 //! Compares average precision with KITTI's own object devkit (C++).
 
-use mluc_evaluate::input::{Source, read};
-use mluc_evaluate::{RuleRequest, evaluate, rules};
+use mluc_evaluate::{RuleRequest, evaluate, input::Source, input::read, rules};
 use mluc_tests::{oracle, read_json};
 
 #[test]

@@ -7,9 +7,8 @@ use std::fs::{read, read_dir, read_to_string};
 use std::path::{Path, PathBuf};
 
 use md5::{Digest, Md5};
-use mluc_sources::files::{Format, Layout};
 use mluc_sources::packets::{Calibration, Datagram, Metadata, Revolution};
-use mluc_sources::{Scan, pcap::Capture};
+use mluc_sources::{Scan, files::Format, files::Layout, pcap::Capture};
 use mluc_tests::{oracle, read_json};
 use rstar::RTree;
 

@@ -1,8 +1,7 @@
 //! The supervisor, with any behaviour of the reader of its lines, any way to end it, and any way in which it ended before.
 
 use std::io::{PipeReader, PipeWriter, Write};
-use std::time::{Duration, Instant};
-use std::{fs::File, os::unix::net::UnixDatagram, process::Stdio};
+use std::{fs::File, os::unix::net::UnixDatagram, process::Stdio, time::Duration, time::Instant};
 
 use mluc_ipc_types::Stage;
 use mluc_tests::{Running, Setting, assert_has, is_alive, leftovers, send_signal, wait_for};

@@ -5,8 +5,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::frame::{FrameRecord, STAGES, micros};
-use super::page::short;
-use super::series::{Series, series};
+use super::{page::short, series::Series, series::series};
 
 const WIDTH_PX: u32 = 980;
 const FONT: (&str, u32) = ("sans-serif", 12);

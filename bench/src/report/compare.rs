@@ -7,8 +7,7 @@ use serde_json::Value;
 
 use super::bootstrap::{Statistic, interval, scatter};
 use super::frame::{FrameRecord, STAGES, measured};
-use super::page::render;
-use super::series::{Series, series};
+use super::{page::render, series::Series, series::series};
 
 /// Family-wise confidence: the probability that no row's interval misses the true difference.
 const CONFIDENCE: f64 = 0.95;
@@ -21,14 +20,13 @@ const START_SCATTER: f64 = 0.015;
 /// Measured with two thirds of the cores taken: 6 % end to end.
 const START_SCATTER_BUSY: f64 = 0.12;
 /// Fewest measured frames for a comparison.
-const FRAMES_MIN: usize = 20;
+pub(crate) const FRAMES_MIN: usize = 20;
 /// A difference of times below this is wake-up scatter, whatever its share, us.
 const MARGIN_US: f64 = 10.0;
 /// A difference of times below this share of a frame's latency is noise: nobody acts on it.
 const MARGIN_OF_FRAME: f64 = 0.005;
 /// Dropped frames: below this share no difference is reported.
 const MARGIN_DROPPED: f64 = 0.01;
-
 /// A difference below this share of the figure counts as noise, however certain it is.
 const MARGIN: f64 = 0.02;
 

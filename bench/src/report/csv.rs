@@ -4,8 +4,7 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, ensure};
 
-use super::frame::{FrameRecord, Stamps};
-use super::series::series;
+use super::{frame::FrameRecord, frame::Stamps, series::series};
 
 const HEAD: &str = "round,sequence,frame,phase,outcome,due_us,\
     ingest_received_us,ingest_started_us,ingest_published_us,\
@@ -16,7 +15,6 @@ const HEAD: &str = "round,sequence,frame,phase,outcome,due_us,\
 
 const PHASES: [&str; 2] = ["warm_up", "measured"];
 const OUTCOMES: [&str; 2] = ["out", "dropped"];
-
 /// Number of columns before the stamps, and including the stamps.
 const FIXED: usize = 6;
 const ARRIVED: usize = FIXED + 12;

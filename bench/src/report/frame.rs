@@ -2,7 +2,6 @@
 
 /// The stages in the order a frame meets them.
 pub(crate) const STAGES: [&str; 4] = ["ingest", "backbone", "head", "refiner"];
-
 /// The topic that each stage publishes, in the order of [`STAGES`].
 pub(crate) const HOPS: [&str; 4] = ["points", "features", "detections", "objects"];
 

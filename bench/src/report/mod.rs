@@ -20,7 +20,7 @@ mod frame;
 mod page;
 mod series;
 
-pub(crate) use compare::{compare, comparison_table};
+pub(crate) use compare::{FRAMES_MIN, compare, comparison_table};
 pub(crate) use csv::{read_frames, write_frames};
 pub(crate) use figures::{Resources, check_version, number, report_of};
 pub(crate) use frame::{FrameRecord, HOPS, STAGES, Stamps};

@@ -8,8 +8,7 @@ use anyhow::{Context, Result, ensure};
 use mluc::{EXIT_WARNINGS, terminal::print_out};
 use serde_json::Value;
 
-use super::folder::{self, FOLDERS, save};
-use super::{compare, plan::Plan, progress, show};
+use super::{compare, folder, folder::FOLDERS, folder::save, plan::Plan, progress, show};
 use crate::report::{FrameRecord, HOPS, STAGES, comparison_table, report_of};
 
 struct Side {

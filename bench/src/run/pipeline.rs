@@ -1,8 +1,7 @@
 //! One start of `mluc up`, watched from outside as any consumer can: its objects, its heartbeats, its processes.
 
-use std::fs::{self, File};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::time::{Duration, Instant};
+use std::{fs, fs::File, time::Duration, time::Instant};
 use std::{os::unix::process::CommandExt, path::PathBuf};
 
 use anyhow::{Context, Result, bail};

@@ -1,7 +1,6 @@
 //! What is to be measured, resolved and checked before any process is started.
 
-use std::path::{Path, PathBuf};
-use std::{fmt::Display, ops::RangeInclusive, time::Duration};
+use std::{fmt::Display, ops::RangeInclusive, path::Path, path::PathBuf, time::Duration};
 
 use anyhow::{Context, Result};
 use mluc::{UsageError, document, model, settings::DEFAULT_MODEL};
@@ -16,6 +15,7 @@ use tempfile::TempDir;
 use toml::Table;
 
 use super::arguments::{BenchTable, RunArgs};
+use crate::report::FRAMES_MIN;
 
 const SECONDS: f64 = 20.0;
 /// An assumed limit: a million frames at 10 Hz.
@@ -103,6 +103,12 @@ impl Plan {
         let patience = table.patience_seconds.unwrap_or(PATIENCE_SECONDS);
         let patience = within("patience", patience, 0.1..=SECONDS_MAX)?;
         let seconds = table.seconds.unwrap_or(SECONDS);
+        if args.compares() && seconds * rate_hz < FRAMES_MIN as f64 {
+            let frames = seconds * rate_hz;
+            return usage(format!(
+                "seconds x rate must be {FRAMES_MIN} frames or more to compare, found {frames}"
+            ));
+        }
         let model = model::load(&model_name)?;
         let precision = args.precision.clone().or(word("precision"));
         let chosen = || Precision::Auto.chosen(&model.manifest, &model.weights).0;

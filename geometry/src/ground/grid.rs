@@ -16,7 +16,6 @@ const SIDE: usize = (2.0 * GROUND_HALF_M / SPACING_M) as usize + 1;
 pub const GROUND_NODES: usize = SIDE * SIDE;
 /// The equations have a border of nodes without links, so that each node of the grid has eight around it.
 const WIDTH: usize = SIDE + 2;
-
 /// Height scale of the weight, m: points farther above the surface get little weight. One scale per pass after a tile has joined.
 const ABOVE_M: [f64; 7] = [0.6, 0.45, 0.3, 0.2, 0.15, 0.12, 0.12];
 /// Below the surface the height scale is multiplied by this factor.

@@ -2,28 +2,17 @@
 
 use std::arch::x86_64::*;
 
-use super::{Kernel, Simd};
+use super::Simd;
 
 /// Only the functions below construct it, so a value proves that the processor has these registers and products.
 #[derive(Clone, Copy)]
 pub(crate) struct Avx2<const VNNI: bool>(());
 
-/// Runs `kernel` compiled for these registers.
-///
-/// # Safety
-/// The processor has the features named below.
-#[target_feature(enable = "avx2,fma,popcnt")]
-pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run(Avx2::<false>(()))
-}
-
-/// [`run`], with products of bytes.
-///
-/// # Safety
-/// The processor has the features named below.
-#[target_feature(enable = "avx2,fma,popcnt,avxvnni")]
-pub(crate) unsafe fn run_vnni<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run(Avx2::<true>(()))
+entries! {
+    /// Runs `kernel` compiled for these registers.
+    run("avx2,fma,popcnt") = Avx2::<false>(());
+    /// [`run`], with products of bytes.
+    run_vnni("avx2,fma,popcnt,avxvnni") = Avx2::<true>(());
 }
 
 // SAFETY (all below): self is the proof of the features; the registers have LANES values of 32 bits.

@@ -2,7 +2,7 @@
 
 use std::{arch::x86_64::*, mem::transmute};
 
-use super::{Kernel, Lists, Simd};
+use super::{Lists, Simd};
 
 mod list;
 
@@ -10,31 +10,13 @@ mod list;
 #[derive(Clone, Copy)]
 pub(crate) struct Avx512<const BF16: bool, const VNNI: bool>(());
 
-/// Runs `kernel` compiled for these registers.
-///
-/// # Safety
-/// The processor has the features named below.
-#[target_feature(enable = "avx512f,avx512bw,avx2,fma,popcnt")]
-pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run(Avx512::<false, false>(()))
-}
-
-/// [`run`], with products of bytes.
-///
-/// # Safety
-/// The processor has the features named below.
-#[target_feature(enable = "avx512f,avx512bw,avx512vnni,avx2,fma,popcnt")]
-pub(crate) unsafe fn run_vnni<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run(Avx512::<false, true>(()))
-}
-
-/// [`run`], with products of bytes and of bf16.
-///
-/// # Safety
-/// The processor has the features named below.
-#[target_feature(enable = "avx512f,avx512bw,avx512vnni,avx512bf16,avx2,fma,popcnt")]
-pub(crate) unsafe fn run_bf16<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run(Avx512::<true, true>(()))
+entries! {
+    /// Runs `kernel` compiled for these registers.
+    run("avx512f,avx512bw,avx2,fma,popcnt") = Avx512::<false, false>(());
+    /// [`run`], with products of bytes.
+    run_vnni("avx512f,avx512bw,avx512vnni,avx2,fma,popcnt") = Avx512::<false, true>(());
+    /// [`run`], with products of bytes and of bf16.
+    run_bf16("avx512f,avx512bw,avx512vnni,avx512bf16,avx2,fma,popcnt") = Avx512::<true, true>(());
 }
 
 // SAFETY (all below): self is the proof of the features; the registers have LANES values of 32 bits.

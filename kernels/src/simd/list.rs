@@ -18,10 +18,8 @@ pub(super) struct Pair {
 /// Number of rows in a block. The block's sums (at most 64 channels) fill three quarters of a first-level cache of 32 KiB.
 /// A multiple of all tile heights (6, 8, 12), so that tall tiles cover a block without absent rows.
 pub(crate) const BLOCK: usize = 96;
-
 /// Number of taps that are listed at once: the lanes of an AVX-512 register.
 pub(super) const GROUP: usize = 16;
-
 /// Extra room at the end, in pairs: a register of pairs is always written whole, and only the present pairs are counted.
 const SLACK: usize = 8;
 

@@ -16,6 +16,21 @@ macro_rules! methods {
     )*};
 }
 
+/// The functions that construct a register type, and run a kernel compiled for features of the processor.
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+macro_rules! entries {
+    ($($(#[$about:meta])* $name:ident($features:literal) = $simd:expr;)*) => {$(
+        $(#[$about])*
+        ///
+        /// # Safety
+        /// The processor has these features.
+        #[target_feature(enable = $features)]
+        pub(crate) unsafe fn $name<K: $crate::simd::Kernel>(kernel: K) -> K::Output {
+            kernel.run($simd)
+        }
+    )*};
+}
+
 /// A function of a type that runs a kernel. It is compiled once, in this crate; generic code is compiled in each crate that calls it.
 macro_rules! compiled_here {
     ($name:ident($work:ident) $(-> $out:ty)?) => {

@@ -2,28 +2,17 @@
 
 use std::{arch::aarch64::*, mem::transmute};
 
-use super::{Kernel, Simd};
+use super::Simd;
 
 /// Only the functions below construct it, so a value proves that the processor has these registers and products.
 #[derive(Clone, Copy)]
 pub(crate) struct Neon<const DOT: bool>(());
 
-/// Runs `kernel` compiled for these registers.
-///
-/// # Safety
-/// The processor has the features named below.
-#[target_feature(enable = "neon")]
-pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run(Neon::<false>(()))
-}
-
-/// [`run`], with products of bytes.
-///
-/// # Safety
-/// The processor has the features named below.
-#[target_feature(enable = "neon,dotprod")]
-pub(crate) unsafe fn run_dot<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run(Neon::<true>(()))
+entries! {
+    /// Runs `kernel` compiled for these registers.
+    run("neon") = Neon::<false>(());
+    /// [`run`], with products of bytes.
+    run_dot("neon,dotprod") = Neon::<true>(());
 }
 
 // SAFETY (all below): self is the proof of the features; the registers have LANES values of 32 bits.

@@ -22,10 +22,8 @@ pub use weights::WeightsWinograd;
 
 /// Input rows of a tile's window, and places of the transformed product.
 pub(crate) const PLACES: usize = 16;
-
 /// Chunk sizes are multiples of this, and so of the heights of most register tiles (4, 6, 12).
 const CHUNK_STEP: usize = 12;
-
 /// Approximate number of tiles per task: two chunks, so that two threads can share the work of a small scan. A guess.
 const TILES_A_TASK: usize = 2 * TILES_MAX;
 

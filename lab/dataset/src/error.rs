@@ -1,8 +1,7 @@
 //! Errors in a data set.
 
 use mluc_geometry::CalibrationError;
-use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::{fmt::Display, path::Path, path::PathBuf};
 
 /// An error in a folder or file of a data set: where it is, what was expected, what was found.
 #[derive(Debug, thiserror::Error)]

@@ -3,8 +3,7 @@
 use super::error::{Line, quoted};
 use super::{DatasetError, Label, Result, read_calibration, read_labels, read_scan, read_text};
 use mluc_geometry::{Box3, Calibration};
-use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use std::{collections::HashSet, path::Path, path::PathBuf};
 
 /// An opened folder in KITTI's format: its paths, and the names of its frames, in order.
 #[derive(Clone, Debug)]

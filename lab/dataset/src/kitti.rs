@@ -18,7 +18,6 @@ pub const KITTI_CLASSES: [&str; 9] = [
 
 /// Class of synthetic unknown objects in label files.
 pub const SYNTHETIC_UNKNOWN: &str = "Synthetic_unknown";
-
 /// Classes of simulated scans that KITTI does not have: two that the network is never trained on, and synthetic unknown objects.
 pub const SIMULATED_CLASSES: [&str; 3] = ["Golf_cart", "Forklift", SYNTHETIC_UNKNOWN];
 

@@ -33,8 +33,7 @@ pub use label::{Label, read_detections, read_labels};
 pub use prepare::{PrepareOptions, prepare};
 pub use scan::{read_scan, scan_bytes};
 
-use std::io::{Error, ErrorKind};
-use std::path::Path;
+use std::{io::Error, io::ErrorKind, path::Path};
 
 /// Text files of a data set are small; a larger file is no such text file.
 const TEXT_BYTES_MAX: u64 = 16 << 20;

@@ -1,7 +1,6 @@
 //! Files that are written completely or not at all: written next to their place, synced to disk, then moved.
 
-use std::path::{Path, PathBuf};
-use std::{fs::File, io::Write};
+use std::{fs::File, io::Write, path::Path, path::PathBuf};
 
 /// Writes a file. A crash or a full disk leaves the old file in place: the bytes are synced to disk (some file systems report a full disk
 /// only then) before the move. The error is the system's; the partial file is removed.

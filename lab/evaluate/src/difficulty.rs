@@ -13,15 +13,9 @@ pub enum Difficulty {
     Hard,
 }
 
+mluc_ipc_types::values!(Difficulty: Easy "easy" Moderate "moderate" Hard "hard");
+
 impl Difficulty {
-    /// All of them, easiest first.
-    pub const ALL: [Difficulty; 3] = [Difficulty::Easy, Difficulty::Moderate, Difficulty::Hard];
-
-    /// The name in reports.
-    pub fn name(self) -> &'static str {
-        ["easy", "moderate", "hard"][self as usize]
-    }
-
     /// Least height of the image box, px.
     fn height_min_px(self) -> f64 {
         [40.0, 25.0, 25.0][self as usize]

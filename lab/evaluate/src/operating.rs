@@ -68,6 +68,11 @@ impl Judged {
     fn is_right(&self) -> bool {
         self.place == Place::On(self.kind)
     }
+
+    /// Its band of ranges.
+    fn band(&self) -> Option<usize> {
+        BANDS_M.iter().rposition(|from_m| *from_m <= self.range_m)
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -164,10 +169,8 @@ impl Operating {
     /// in score order are pooled until it is). No table for a kind without any right object: such objects were not labelled.
     pub fn probabilities(&self) -> Probabilities {
         let bands = |kind| {
-            let of_band =
-                |o: &Judged, at| BANDS_M.iter().rposition(|m| *m <= o.range_m) == Some(at);
             let band = |at| {
-                let own = self.objects(kind).filter(|o| of_band(o, at));
+                let own = self.objects(kind).filter(|o| o.band() == Some(at));
                 RangeBand {
                     range_min_m: BANDS_M[at] as f32,
                     steps: rising(own.map(|o| (o.score, o.is_right())).collect()),
@@ -235,11 +238,16 @@ impl Operating {
         let all = |kind| self.points(kind).iter().map(point).collect::<Value>();
         let [unknown, known] = [ObjectKind::Unknown, ObjectKind::Known];
         let reliability = [(unknown, "unknown"), (known, "known")].map(|(kind, name)| {
-            let of = |value, told: fn(&Judged) -> Option<f64>| {
+            let of = |value: String, told: &dyn Fn(&Judged) -> Option<f64>| {
                 let of = self.reliability(kind, told);
                 json!({"kind": name, "value": value, "tenths": of["tenths"], "calibration_error": of["calibration_error"]})
             };
-            [of("score", |o| Some(o.score)), of("probability", |o| o.probability)]
+            let all = [of("score".into(), &|o| Some(o.score)), of("probability".into(), &|o| o.probability)];
+            let bands = BANDS_M.iter().enumerate().map(|(at, from_m)| {
+                let told = |o: &Judged| o.probability.filter(|_| o.band() == Some(at));
+                of(format!("probability, {from_m} m on"), &told)
+            });
+            all.into_iter().chain(bands).collect::<Vec<_>>()
         });
         let told = reliability.into_iter().flatten();
         let reliability: Value = told.filter(|of| of["calibration_error"].is_f64()).collect();

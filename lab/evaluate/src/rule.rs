@@ -7,7 +7,6 @@ use std::collections::BTreeSet;
 
 /// Name of the class into which all unknown classes are merged.
 pub const UNKNOWN: &str = "unknown";
-
 /// The devkit's classes with the overlap that it requires.
 const KITTI_CLASSES: [(&str, f64); 3] = [("car", 0.7), ("pedestrian", 0.5), ("cyclist", 0.5)];
 

@@ -41,7 +41,6 @@ pub(crate) static NETWORKS: LazyLock<Vec<NetworkPlan>> =
 
 /// The base network; the others start from its weights.
 pub(crate) const BASE: NetworkKind = NetworkKind::Metric;
-
 /// Largest learning rate of the networks that start from another's weights: half of the base's, since the weights are already good.
 const TUNED_RATE: &str = "0.0015";
 

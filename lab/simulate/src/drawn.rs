@@ -1,18 +1,14 @@
 //! The sensor of a `sim-any` frame: a real product or a random sensor, and its mounting.
 
-use super::sensor::{Motion, Sensor};
-use super::{mesh::v, place::ROBOT_M, random::Dice};
+use super::{mesh::v, place::ROBOT_M, random::Dice, sensor::Motion, sensor::Sensor};
 use mluc_model::{SensorProfile, SensorUnit};
 
 /// Products that training never sees, with few, medium and many beams: for figures on sensors that are new to a network.
 const HELD_OUT: [&str; 3] = ["helios-16p", "pandar40p", "ruby-plus"];
-
 /// Maximum number of rays in a frame of a drawn sensor: finer azimuth steps are coarsened to it.
 const RAYS_MAX: f32 = 230_000.0;
-
 /// Maximum number of columns in a frame.
 const COLUMNS_MAX: f32 = 4000.0;
-
 /// Standard deviation of a unit's elevations from the nominal values, degrees.
 pub(crate) const JITTER_DEG: f32 = 0.12;
 

@@ -1,8 +1,7 @@
 //! Sequences: the scene of a frame in several turns, a tenth of a second apart, while the sensor and some objects move.
 
 use super::mesh::{V3, v};
-use super::{Class, Turn};
-use super::{footprint::Footprint, layout::Layout, objects::Habit, random::Dice};
+use super::{Class, Turn, footprint::Footprint, layout::Layout, objects::Habit, random::Dice};
 
 /// Time between two turns of the sensor, s.
 const PERIOD_S: f32 = 0.1;

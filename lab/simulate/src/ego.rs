@@ -1,8 +1,7 @@
 //! The visible part of the vehicle that carries the sensor: its roof, deck or cab hides objects behind it. It moves with the sensor.
 
 use super::mesh::{METAL, Mesh, RUBBER, solid, up, v};
-use super::place::ROBOT_M;
-use super::{footprint::Footprint, ground::Ground, random::Dice};
+use super::{footprint::Footprint, ground::Ground, place::ROBOT_M, random::Dice};
 use mluc_model::SensorProfile;
 
 /// Ground of a car without a visible body, with free space ahead of it, m.

@@ -4,8 +4,7 @@
 //! middle; the sensor is at u = 0, v = `lane_m`.
 
 use super::mesh::{Mesh, V3, solid, v};
-use super::place::{Room, besides_streets};
-use super::{Family, random::Dice, sensor::HEIGHT_M};
+use super::{Family, place::Room, place::besides_streets, random::Dice, sensor::HEIGHT_M};
 use std::f32::consts::TAU;
 
 /// Kind of place of the scene.

@@ -2,8 +2,7 @@
 
 use super::scan::{Sweep, in_rain, trace};
 use super::scene::{Scene, Solid};
-use super::{Family, SimulatedFrame, SimulatedObject};
-use super::{mesh::V3, sensor::Sensor};
+use super::{Family, SimulatedFrame, SimulatedObject, mesh::V3, sensor::Sensor};
 use mluc_geometry::{Calibration, CalibrationError, ImageSize, pixel_bounds};
 use std::f32::consts::PI;
 

@@ -61,15 +61,9 @@ pub enum Family {
     SimAny,
 }
 
+mluc_ipc_types::values!(Family: SimUdi "sim-udi" SimKitti "sim-kitti" SimAny "sim-any");
+
 impl Family {
-    /// All families.
-    pub const ALL: [Family; 3] = [Family::SimUdi, Family::SimKitti, Family::SimAny];
-
-    /// The family's name on the command line.
-    pub fn name(self) -> &'static str {
-        ["sim-udi", "sim-kitti", "sim-any"][self as usize]
-    }
-
     /// Classes in training scans.
     pub fn known_classes(self) -> &'static [Class] {
         match self {
@@ -99,15 +93,7 @@ pub enum Split {
     Test,
 }
 
-impl Split {
-    /// The splits in their usual order.
-    pub const ALL: [Split; 3] = [Split::Train, Split::Val, Split::Test];
-
-    /// The split's name in `ImageSets`.
-    pub fn name(self) -> &'static str {
-        ["train", "val", "test"][self as usize]
-    }
-}
+mluc_ipc_types::values!(Split: Train "train" Val "val" Test "test");
 
 /// Class of a labelled object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -4,8 +4,7 @@
 //! `Dice` is a ChaCha8 stream for the layout of one scene, keyed by (seed, split, frame): splits never share a stream.
 
 use parry3d::math::Vector as V3;
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
+use rand_chacha::{ChaCha8Rng, rand_core::Rng, rand_core::SeedableRng};
 
 /// The first number of SplitMix64 from this state: every input bit affects every output bit.
 pub(crate) fn splitmix64(state: u64) -> u64 {

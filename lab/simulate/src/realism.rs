@@ -17,19 +17,8 @@ pub enum Step {
     Weather,
 }
 
-impl Step {
-    /// All steps, in the order in which they are measured.
-    pub const ALL: [Step; 6] = {
-        use Step::*;
-        [Confusers, Frontage, Furniture, Vegetation, Street, Weather]
-    };
-
-    /// The step's name on the command line.
-    pub fn name(self) -> &'static str {
-        const NAMES: &str = "confusers frontage furniture vegetation street weather";
-        NAMES.split(' ').nth(self as usize).unwrap_or_default()
-    }
-}
+mluc_ipc_types::values!(Step: Confusers "confusers" Frontage "frontage" Furniture "furniture" Vegetation "vegetation"
+    Street "street" Weather "weather");
 
 #[cfg(test)]
 mod tests {

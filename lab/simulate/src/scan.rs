@@ -1,9 +1,8 @@
 //! One turn of the sensor: every ray is cast, passes windows and foliage, returns or is lost, and is measured.
 
-use super::random::{splitmix64, unit};
 use super::scene::{Scene, Searchable};
 use super::sensor::{Hit, Sensor, Shot, Stream, drop_probability};
-use super::{background::Thing, mesh::Kind};
+use super::{background::Thing, mesh::Kind, random::splitmix64, random::unit};
 use parry3d::query::{Ray, RayCast};
 
 /// Maximum number of surfaces that one ray may pass; then it is lost.

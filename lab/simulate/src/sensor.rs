@@ -18,14 +18,12 @@ const COLUMNS: usize = 2083;
 const RANGE_M: [f32; 2] = [0.9, 120.0];
 /// Height above the road on KITTI's car, m.
 pub(crate) const HEIGHT_M: f32 = 1.73;
-
 /// A white surface returns half of the rays at this multiple of the longest range.
 const HALF_RETURNS: f32 = 1.125;
 const RANGE_STEP_M: f32 = 0.002;
 const ELEVATION_JITTER_DEG: f32 = 0.05;
 /// The lower block of lasers is this far below the upper one, m.
 const BLOCK_OFFSET_M: f32 = 0.043;
-
 /// Share of the HDL-64E's rays at glass that pass, and share that are lost.
 const GLASS: [f32; 2] = [0.9, 0.05];
 

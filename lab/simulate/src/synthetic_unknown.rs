@@ -37,7 +37,6 @@ pub const CUT_CHANCE: f64 = 0.35;
 pub const CUT_SHARE: [f64; 2] = [0.2, 0.45];
 /// Share of the height below which a cut does not start.
 pub const CUT_LOW: f64 = 0.25;
-
 /// Maximum l, w, h of an object on a road, m.
 const MOST_M: [f64; 3] = [14.0, 3.2, 4.2];
 /// With all three sizes within this factor of a class' mean the object still counts as that class.

@@ -2,8 +2,7 @@
 //! docs/sensors.md has the table that the test prints (`--nocapture`).
 
 use mluc_dataset::read_scan;
-use mluc_ingest::estimate::{Estimator, SensorEstimate};
-use mluc_ingest::{DecodeReport, Expected, Guard};
+use mluc_ingest::{DecodeReport, Expected, Guard, estimate::Estimator, estimate::SensorEstimate};
 use mluc_ipc_types::{Flags, Point};
 use mluc_model::{Manifest, Model, SensorProfile};
 use mluc_simulate::{Family, Split, frame};

@@ -9,9 +9,8 @@ use std::sync::Arc;
 use mluc_geometry::{Box3, Inside, Random, intersection_bev_m2, limit_period};
 use mluc_model::Grid;
 
-use crate::database::{Database, Sample};
 use crate::scan::{LabelledObject, LabelledScan};
-use crate::synthetic_unknown::make_up;
+use crate::{database::Database, database::Sample, synthetic_unknown::make_up};
 
 const TURN_MAX_RAD: f64 = FRAC_PI_4;
 const SCALE: [f64; 2] = [0.95, 1.05];

@@ -9,9 +9,8 @@ use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, ModelGate, detect_frames}
 use mluc_geometry::{Box3, Random, intersection_over_min_area, iou_3d};
 use mluc_ipc_types::Object;
 use mluc_model::{CLUSTER_SCORER_WIDTHS, Model};
-use mluc_refiner::cluster_scorer::{FEATURES, features};
-use mluc_refiner::clusters::Measures;
 use mluc_refiner::{ClusterScorer, Refiner, RefinerError, RefinerOutput, Sensor, Settings};
+use mluc_refiner::{cluster_scorer::FEATURES, cluster_scorer::features, clusters::Measures};
 use rayon::prelude::*;
 
 use crate::optimizer::{Adam, Schedule};

@@ -3,8 +3,7 @@
 //! A head's row is identified by its meaning (`presence car/0`: the first anchor of `car` is on an object), so that a network
 //! with other classes or another kind of head takes all matching rows. The rest keeps its fresh start, and is reported.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::{collections::BTreeMap, path::Path, path::PathBuf};
 
 use mluc_model::{AnchorClass, Manifest, Model, WeightSet};
 

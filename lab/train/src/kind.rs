@@ -70,12 +70,9 @@ impl NetworkKind {
     }
 }
 
-impl Setting {
-    /// `udi`, `kitti` or `any`.
-    pub fn name(self) -> &'static str {
-        ["udi", "kitti", "any"][self as usize]
-    }
+mluc_ipc_types::words!(Setting: "udi" "kitti" "any");
 
+impl Setting {
     /// Number of known classes.
     pub fn classes(self) -> usize {
         match self {

@@ -2,23 +2,20 @@
 //!
 //! The frames of a step and their augmentation depend only on the seed and the step.
 
-use std::collections::{BTreeSet, VecDeque};
-use std::sync::Arc;
+use std::{collections::BTreeSet, collections::VecDeque, sync::Arc};
 
 use crossbeam_channel::{Receiver, bounded};
 use mluc_geometry::Random;
 use mluc_model::{AnchorClass, HeadKind, Manifest, VoxelInput};
 
-use crate::augment::{Augmentation, crop};
-use crate::kind::Setting;
 use crate::plan::{Plan, Planner};
 use crate::targets::{CellClass, CellLabel, Targets};
 use crate::{anchors::Anchors, batch_targets::BatchTargets, database::Database, error::TrainError};
+use crate::{augment::Augmentation, augment::crop, kind::Setting};
 use crate::{scan::LabelledScan, settings::TrainSettings, source::ScanSource, stream, thin::thin};
 
 /// Maximum number of waiting batches per thread, to limit memory.
 const QUEUE: usize = 2;
-
 /// Total weight of a frame's background cells, where the total of its objects is 1.
 const BACKGROUND_SHARE: f32 = 0.5;
 

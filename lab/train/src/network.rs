@@ -10,9 +10,8 @@ use mluc_geometry::Random;
 use mluc_model::{DenseLayer, Network};
 
 use crate::layers::{Layer, Linear, RunningStatistics, forward_all, linear};
-use crate::norm::{Activation, Statistics};
 use crate::plan::{MapPlan, Plan};
-use crate::pool::Pool;
+use crate::{norm::Activation, norm::Statistics, pool::Pool};
 
 /// The heads' layers.
 #[derive(Clone, Debug, PartialEq)]

@@ -6,11 +6,10 @@ use std::ops::Range;
 use mluc_geometry::{Box3, Random};
 use mluc_model::{HeadKind, Manifest, Network};
 
-use crate::losses::{self, LossSettings};
 use crate::network::{Chain, Outputs, Pass, StepInput};
 use crate::plan::{MapPlan, Plan, Planner};
 use crate::{anchors::Anchors, pool::Pool, scan::LabelledObject, testing::assert_slope};
-use crate::{batch_targets::BatchTargets, halo::Cells};
+use crate::{batch_targets::BatchTargets, halo::Cells, losses, losses::LossSettings};
 
 const LOSSES: LossSettings = LossSettings {
     prototype_scale: 2.0,

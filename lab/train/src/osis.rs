@@ -8,11 +8,10 @@ use mluc_backbone::Backbone;
 use mluc_geometry::{Inside, Random};
 use mluc_model::{HeadKind, Model, VoxelInput, model_bytes};
 
-use crate::embedding::{FrameFeatures, PointEmbedding};
 use crate::error::{TrainError, diverged, refused};
 use crate::log::{Log, Progress, TrainEvent};
 use crate::optimizer::{Adam, Schedule};
-use crate::{check, run_folder};
+use crate::{check, embedding::FrameFeatures, embedding::PointEmbedding, run_folder};
 use crate::{import::model_path, scan::LabelledScan, settings::TrainSettings, source::ScanSource};
 
 /// Number of points of an instance in a step.

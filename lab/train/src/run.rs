@@ -8,12 +8,11 @@ use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, GatedObjects, detect_fram
 use mluc_model::{Manifest, Model, ModelError, Provenance, VoxelInput, model_bytes};
 use mluc_refiner::ClusterScorer;
 
-use crate::cluster_scorer::fit_to_proposals;
-use crate::database::{self, Database, mean_boxes};
 use crate::error::{TrainError, refused};
 use crate::loader::{BatchQueue, DataLoader};
 use crate::log::{Log, TrainEvent};
 use crate::{NetworkKind, check, checkpoint, export, import, run_folder, stream};
+use crate::{cluster_scorer::fit_to_proposals, database, database::Database, database::mean_boxes};
 use crate::{optimizer::Schedule, settings::TrainSettings, source::ScanSource, trainer::Trainer};
 
 /// Number of frames for the fit of the cluster scorer.

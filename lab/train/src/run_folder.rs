@@ -1,7 +1,6 @@
 //! The folder of a run: only one run at a time writes to it, and no run overwrites a model that it did not make.
 
-use std::fs::{File, TryLockError};
-use std::path::Path;
+use std::{fs::File, fs::TryLockError, path::Path};
 
 use mluc_dataset::whole_file::write_whole;
 

@@ -1,7 +1,7 @@
 //! A labelled scan in the trainer's form.
 
-use mluc_geometry::Box3;
-use mluc_geometry::ground::{GroundGrid, ground_height_m};
+use mluc_backbone::NEAREST_SQUARED;
+use mluc_geometry::{Box3, ground::GroundGrid, ground::ground_height_m};
 
 /// Height of the ground below the sensor where a scan gives no estimate, m.
 const GROUND_BELOW_M: f64 = 1.7;
@@ -63,6 +63,9 @@ pub struct LabelledScan {
 impl LabelledScan {
     /// Replaces z by the height above the local ground, in points and boxes.
     pub fn measure_from_ground(&mut self) {
+        // Missing returns, as the backbone leaves them out.
+        self.points
+            .retain(|[x, y, z, _]| x * x + y * y + z * z >= NEAREST_SQUARED);
         let mut grid = GroundGrid::new(GROUND_BELOW_M);
         let ground_m = grid.find(&self.points);
         for [x, y, z, _] in &mut self.points {

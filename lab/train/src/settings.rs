@@ -1,7 +1,6 @@
 //! The settings of a training run.
 
-use std::convert::Infallible;
-use std::path::{Path, PathBuf};
+use std::{convert::Infallible, path::Path, path::PathBuf};
 
 use clap::{Parser, builder::RangedU64ValueParser};
 use mluc_dataset::{KITTI_CLASSES, SIMULATED_CLASSES};

@@ -6,8 +6,7 @@
 
 use mluc_backbone::Voxels;
 
-use crate::settings::TrainSettings;
-use crate::targets::{CellClass, Targets};
+use crate::{settings::TrainSettings, targets::CellClass, targets::Targets};
 
 /// The settings that the other trainer needs.
 pub(crate) fn header(settings: &TrainSettings) -> serde_json::Value {

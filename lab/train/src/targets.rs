@@ -7,8 +7,7 @@
 //! class-agnostic anchors; without these, with the anchors of the class that overlaps them most. Anchors of a class that overlap them are ignored. Objects
 //! that are not trained on (see [`crate::scan`]) make the anchors and cells under them ignored.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::ops::Range;
+use std::{collections::BTreeMap, collections::BTreeSet, ops::Range};
 
 use mluc_geometry::Box3;
 use mluc_head::decode::{direction_bin, encode};

@@ -2,9 +2,7 @@
 
 use mluc_model::Network;
 
-use crate::losses::{self, LossSettings};
 use crate::network::{Chain, Pass, StepInput};
-use crate::optimizer::{Adam, Schedule};
 use crate::{
     error::{TrainError, diverged},
     layers::RunningStatistics,
@@ -12,6 +10,7 @@ use crate::{
     log::Progress,
     pool::Pool,
 };
+use crate::{losses, losses::LossSettings, optimizer::Adam, optimizer::Schedule};
 
 /// Minimum share of a new batch in the running statistics. At first the plain mean of all batches applies, so that a short run does not keep the
 /// statistics of its first weights. At the end of the cycle the rate is nearly 0, so the last 50 batches have almost equal weights and set the statistics.

@@ -140,11 +140,7 @@ impl Backbone {
             ("values", found.len() * self.feature_channels(), rows.len()),
         ] {
             if expected != given {
-                return Err(BackboneError::Room {
-                    what,
-                    expected,
-                    found: given,
-                });
+                return Err(BackboneError::Room(what, expected, given));
             }
         }
         cells.copy_from_slice(found);

@@ -6,18 +6,13 @@ pub(crate) type Result<T> = std::result::Result<T, BackboneError>;
 
 /// The reason why the backbone cannot run.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)] // The message above each variant says what its fields are.
 pub enum BackboneError {
     /// The model is refused.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// [`crate::Backbone::write_rows`] got room for another number of values.
-    #[error("features: room for {expected} {what} needed, {found} given")]
-    Room {
-        what: &'static str,
-        expected: usize,
-        found: usize,
-    },
+    /// [`crate::Backbone::write_rows`] got room for another number of values: of what, needed, given.
+    #[error("features: room for {1} {0} needed, {2} given")]
+    Room(&'static str, usize, usize),
     /// Int8 needs a calibration: how large the values of each layer get.
     #[error(
         "precision int8: a model with a calibration expected, found none; make one with `mluc-lab quantize --model FILE \

@@ -4,9 +4,8 @@ use mluc_model::{DenseLayer, Manifest, WeightSet};
 
 use crate::error::{BackboneError, Result};
 use crate::plane::{Coverage, MapRows, PlaneLayer};
-use crate::trace::{Place, Watch};
 use crate::{cells::CellSet, features::Features, precision::Value, quant_scale::QuantScale};
-use crate::{sites::Sites, sparse::SparsePart, voxelize::PointCounts};
+use crate::{sites::Sites, sparse::SparsePart, trace::Place, trace::Watch, voxelize::PointCounts};
 
 /// The result of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -30,7 +30,7 @@ pub use precision::Precision;
 pub use rulebooks::Rulebooks;
 pub use sites::Sites;
 pub use trace::{Level, Observer, Place, Steps};
-pub use voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, localize, voxelize};
+pub use voxelize::{NEAREST_SQUARED, PointCounts, VOXEL_CHANNELS, Voxels, localize, voxelize};
 
 // The limits of a checked model fit the limits of the contract.
 const _: () = assert!(mluc_model::MAP_CELLS_MAX <= mluc_ipc_types::CELLS_MAX);

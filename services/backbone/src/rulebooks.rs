@@ -3,8 +3,7 @@
 use mluc_kernels::Gather;
 use mluc_model::Network;
 
-use crate::rulebook::{gather, output_sites};
-use crate::sites::Sites;
+use crate::{rulebook::gather, rulebook::output_sites, sites::Sites};
 
 /// The rulebooks of a network's whole sparse part for one scan; reused from frame to frame.
 ///

@@ -5,12 +5,11 @@ use mluc_ipc_types::POINTS_MAX;
 use mluc_model::{Folded, Manifest, Network, VoxelInput, WeightSet};
 use rayon::prelude::*;
 
-use crate::error::{BackboneError, Result};
-use crate::rulebooks::Rulebooks;
 use crate::trace::{Place, Watch};
 use crate::voxelize::{NEAREST_SQUARED, POINTS_A_TASK, PointCounts, VOXEL_CHANNELS, Voxels};
 use crate::voxelize::{localize, voxelize};
 use crate::{convolution::Convolution, precision::Value, quant_scale::QuantScale, sites::Sites};
+use crate::{error::BackboneError, error::Result, rulebooks::Rulebooks};
 
 /// Layers and the memory of one frame.
 #[derive(Clone, Debug)]

@@ -12,7 +12,6 @@ const NON_FINITE: usize = usize::MAX;
 const OUT_OF_RANGE: usize = usize::MAX - 1;
 /// Number of points per task: about 50 microseconds of work.
 pub(crate) const POINTS_A_TASK: usize = 8192;
-
 /// Channels of a voxel's row: x, y, z (m), intensity.
 pub const VOXEL_CHANNELS: usize = 4;
 
@@ -126,7 +125,7 @@ fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
 }
 
 /// Square of the minimum range, m²: nearer are missing returns, and text or other numbers that are read as coordinates.
-pub(crate) const NEAREST_SQUARED: f32 = 0.01;
+pub const NEAREST_SQUARED: f32 = 0.01;
 
 /// Finds the address of each point's voxel.
 fn find(points: &[[f32; 4]], grid: &Grid, sites: &Sites, addresses: &mut [usize]) {

@@ -121,7 +121,7 @@ fn a_buffer_of_another_length_and_a_model_that_does_not_fit_are_refused() -> Fal
     let mut values = vec![0.0; rows * backbone.feature_channels() - 1];
     let error = backbone.write_rows(&mut vec![0; rows], &mut values);
     let what = "values";
-    assert!(matches!(error, Err(BackboneError::Room { what: found, .. }) if found == what));
+    assert!(matches!(error, Err(BackboneError::Room(found, ..)) if found == what));
     weights.remove("backbone2d.up2.weight");
     let error = Backbone::new(&manifest, &weights).expect_err("a tensor is missing");
     let error = error.to_string();

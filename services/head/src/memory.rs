@@ -4,8 +4,7 @@ use mluc_geometry::Box3;
 use mluc_kernels::Gather;
 use mluc_model::{HeadKind, Manifest};
 
-use crate::decode::{Anchors, BOX_CODES};
-use crate::{candidates::Candidate, vote::Votes};
+use crate::{candidates::Candidate, decode::Anchors, decode::BOX_CODES, vote::Votes};
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory {

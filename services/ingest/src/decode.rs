@@ -12,7 +12,7 @@ pub struct DecodeReport {
     pub points_in: u32,
     /// Points kept.
     pub points_out: u32,
-    /// Points dropped because a coordinate or the intensity is NaN or infinite.
+    /// Points dropped because a coordinate is NaN or infinite.
     pub dropped_not_finite: u32,
     /// Finite points dropped because they are beyond [`POINTS_MAX`] or the caller's memory.
     pub dropped_over_limit: u32,
@@ -82,7 +82,14 @@ fn decode_with(bytes: &[u8], most: usize, mut keep: impl FnMut(usize, Point)) ->
 
 fn point(bytes: &[u8; POINT_BYTES]) -> Point {
     let (numbers, _) = bytes.as_chunks();
-    bytemuck::cast::<[f32; 4], Point>(std::array::from_fn(|i| f32::from_le_bytes(numbers[i])))
+    let [x, y, z, intensity] = std::array::from_fn(|i| f32::from_le_bytes(numbers[i]));
+    // A missing intensity is no reason to lose a place.
+    let intensity = if intensity.is_finite() {
+        intensity
+    } else {
+        0.0
+    };
+    bytemuck::cast([x, y, z, intensity])
 }
 
 #[cfg(test)]
@@ -113,10 +120,12 @@ mod tests {
         let (report_among, points_among) = decoded(&bytes(&among));
         let counts =
             [report, report_among].map(|r| [r.points_in, r.points_out, r.dropped_not_finite]);
-        assert_eq!(counts, [[2, 2, 0], [7, 2, 5]]);
+        assert_eq!(counts, [[2, 2, 0], [7, 3, 4]]);
         assert_eq!(report_among.flags(), Flags::NOT_FINITE);
         let numbers = points.iter().map(|p| [p.x_m, p.y_m, p.z_m, p.intensity]);
-        assert!(numbers.eq(sound) && points_among == points);
+        // An intensity that is not finite is 0.
+        let kept = [points[0], Point::default(), points[1]];
+        assert!(numbers.eq(sound) && points_among == kept);
     }
 
     #[test]

@@ -19,14 +19,20 @@ pub enum Reason {
     /// The coordinates are not in metres: their unit.
     #[error("coordinates seem to be in {}, expected m: read them with --scale {}", .0.name(), .0.in_m())]
     Unit(Unit),
+    /// Range below which half of the returns lie, m, and the least expected.
+    #[error("half of the returns lie within {:.3} m, expected more than {:.1} m: in another unit, or scaled twice? --scale says how long a unit is, in m", .0, .1)]
+    Near(f32, f32),
+    /// Range beyond which all returns lie, in the scan's unit.
+    #[error("all returns lie {:.0} or more away, and none much farther: in map coordinates? --origin X,Y,Z says where the sensor is", .0)]
+    Map(f32),
     /// The coordinates may be in feet: depth of the ground below the sensor, read as m; the lowest and the highest expected height of the sensor.
     #[error("the ground lies {:.1} below the sensor, expected {:.1} to {:.1} m: if the coordinates are in feet, read them with --scale 0.3048, else mount it there or take a model for this height", .0, .1[0], .1[1])]
     Feet(f32, [f32; 2]),
     /// Another axis than z points up.
-    #[error("{} points up, expected z: say with --axes which axes point ahead, to the left and up", .0.name())]
+    #[error("{} points up, expected z: say with --axes which axes point ahead, to the left and up{}", .0.name(), if .0.name() == "-z" { " (x,-y,-z for a sensor upside down)" } else { "" })]
     Axes(Up),
     /// Height of the sensor, m; the lowest and the highest expected.
-    #[error("sensor {:.2} m above the ground, expected {:.2} to {:.2} m: mount it there, shift z, or take a model for this height", .0, .1[0], .1[1])]
+    #[error("sensor {:.2} m above the ground, expected {:.2} to {:.2} m: mount it there, shift z with --origin 0,0,Z, or take a model for this height", .0, .1[0], .1[1])]
     Height(f32, [f32; 2]),
     /// Tilt of the sensor, degrees; the largest expected.
     #[error("sensor tilted by {:.0} degrees, expected at most {:.0}: level it, or turn the points by its extrinsics", .0, .1)]
@@ -41,7 +47,7 @@ pub enum Reason {
     #[error("returns end {:.0} m away in nearly half of the directions, expected {:.0} m or more: raise the driver's range limit", .0, .1)]
     Range(f32, f32),
     /// The largest intensity, above 1.
-    #[error("intensities up to {:.0}, expected 0 to 1: {}", .0.min(1e6), intensity_remedy(*.0))]
+    #[error("intensities up to {}, expected 0 to 1: {}", (.0.min(1e6) * 100.0).ceil() / 100.0, intensity_remedy(*.0))]
     IntensityScale(f32),
     /// All intensities are 0, and the model reads intensities.
     #[error(
@@ -84,6 +90,11 @@ const GAP_RANGE_M: f32 = 8.0;
 /// A real sensor's range ends beyond this distance, m. A nearer end is a driver's limit if more than the share below of the directions ends there.
 const RANGE_END_MIN_M: f32 = 30.0;
 const RANGE_END_SHARE: f32 = 0.45;
+/// A scan is in another unit if half of its returns lie nearer than this, m, or than the lowest mount.
+const NEAR_MAX_M: f32 = 0.5;
+/// Scans in a narrow field whose nearest returns lie beyond the first number, and the farthest less than so many times as far, are seen from elsewhere.
+const MAP_MIN: f32 = 30.0;
+const MAP_FACTOR: f32 = 3.0;
 /// A wall may fill a field this narrow.
 const NARROW_DEG: f32 = 100.0;
 /// The source is frozen after this number of equal scans in a row.
@@ -100,7 +111,7 @@ const BEAM_OFF_SHARE: f32 = 0.3;
 const BEAM_OFF_DEG: f32 = 0.25;
 const FIELD_OFF_DEG: f32 = 2.0;
 const AROUND_OFF_DEG: f32 = 10.0;
-const BEAMS_FACTOR: f32 = 1.4;
+pub(crate) const BEAMS_FACTOR: f32 = 1.4;
 /// The column steps of one product's modes and rates can differ by a factor of two.
 const STEP_FACTOR: f32 = 2.2;
 const HEIGHT_OFF_M: f32 = 0.3;
@@ -114,7 +125,9 @@ impl Reason {
     pub fn flag(&self) -> Flags {
         match self {
             Reason::Share(..) | Reason::Points(..) => Flags::SUSPECT_POINTS,
-            Reason::Unit(_) | Reason::Feet(..) => Flags::SUSPECT_UNIT,
+            Reason::Unit(_) | Reason::Near(..) | Reason::Map(_) | Reason::Feet(..) => {
+                Flags::SUSPECT_UNIT
+            }
             Reason::Axes(_) => Flags::SUSPECT_AXES,
             Reason::Height(..) => Flags::SUSPECT_HEIGHT,
             Reason::Tilt(..) => Flags::SUSPECT_TILT,
@@ -176,6 +189,7 @@ impl Expected {
             (found.not_finite_share, "are not finite", check),
             (found.zero_share, "lie at the origin", driver),
             (found.duplicate_share, "are copies of others", twice),
+            (found.repeat_share, "lie at one place", driver),
         ] {
             add(share > SHARE_MAX, Reason::Share(share, what, remedy));
         }
@@ -190,7 +204,17 @@ impl Expected {
         }
         let is_blind = self.uses_intensity && intensity == 0.0;
         add(is_blind, Reason::IntensityMissing);
+        let nearest = found.range_nearest_m / found.unit.in_m();
+        let is_far = nearest > MAP_MIN && found.field_deg[1] < NARROW_DEG;
+        let sees_all = self.sensor.as_ref().is_none_or(|s| s.field_deg.is_none());
+        let is_alike = found.range_longest_m < MAP_FACTOR * found.range_nearest_m;
+        if is_far && is_alike && sees_all {
+            add(true, Reason::Map(nearest));
+            return;
+        }
         add(found.unit != Unit::default(), Reason::Unit(found.unit));
+        let (median_m, least_m) = (found.range_median_m, self.takes.height_m[0].min(NEAR_MAX_M));
+        add(median_m < least_m, Reason::Near(median_m, least_m));
         add(found.up != Up::default(), Reason::Axes(found.up));
         let (end_m, end_share) = (found.range_end_m, found.range_end_share);
         let sees_m = self.sensor.as_ref().map_or(f32::MAX, |s| s.range_m[1]);
@@ -509,6 +533,29 @@ mod tests {
         assert_eq!(told(&wide, sensor), [step]);
         let aside = found(step_deg, -170.0);
         assert_eq!(told(&aside, sensor), [Reason::SensorField(169.0)]);
+    }
+
+    #[test]
+    fn scans_from_elsewhere_in_another_unit_or_with_returns_at_one_place_are_told() {
+        type Change = fn(usize, [f32; 3]) -> [f32; 3];
+        let cases: [(Change, &str); 5] = [
+            (|_, [x, y, z]| [x + 200.0, y + 90.0, z], "map coordinates"),
+            (|_, at| at.map(|v| v * 0.01), "scaled twice"),
+            (|i, at| [at, [5.0; 3]][i % 2], "lie at one place"),
+            (|i, at| [at, [3e38; 3]][usize::from(i % 200 == 0)], ""),
+            (|_, at| at, ""),
+        ];
+        for (change, words) in cases {
+            let mut scan = ground(1.5, 0.0);
+            for (i, p) in scan.iter_mut().enumerate() {
+                [p.x_m, p.y_m, p.z_m] = change(i, [p.x_m, p.y_m, p.z_m]);
+            }
+            let mut guard = Guard::new(expected(TAKES));
+            let reasons = guard.check(&scan, &DecodeReport::default());
+            let found = reasons.iter().map(Reason::to_string).collect::<String>();
+            let fits = found.contains(words) && found.is_empty() == words.is_empty();
+            assert!(fits, "{words}: {found}");
+        }
     }
 
     #[test]

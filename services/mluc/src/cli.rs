@@ -54,7 +54,7 @@ pub(crate) enum Command {
         #[command(flatten)]
         pipeline: PipelineArgs,
     },
-    /// Say how the stages of a running pipeline are.
+    /// Show the state of each stage of a running pipeline.
     Status {
         /// Which pipeline [default: MLUC_INSTANCE, else default].
         #[arg(long)]
@@ -63,7 +63,7 @@ pub(crate) enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Show once a second how a running pipeline is: state, rates, latency by stage, drops, complaints.
+    /// Show the state of a running pipeline once a second: rates, latency by stage, dropped frames, warnings.
     Top {
         /// Which pipeline [default: MLUC_INSTANCE, else default].
         #[arg(long)]
@@ -72,7 +72,7 @@ pub(crate) enum Command {
         #[arg(long)]
         once: bool,
     },
-    /// Tell over HTTP how a running pipeline is: /healthz, /readyz, /metrics (Prometheus), /status.json.
+    /// Serve the state of a running pipeline over HTTP: /healthz, /readyz, /metrics (Prometheus), /status.json.
     Monitor {
         /// Which pipeline; it may be started later [default: MLUC_INSTANCE, else default].
         #[arg(long)]
@@ -142,7 +142,7 @@ pub(crate) struct PipelineArgs {
     #[arg(long, value_name = "NAME|FILE", help_heading = INPUT)]
     #[serde(skip)]
     pub(crate) sensor: Option<String>,
-    /// When the next frame enters [default: sensor].
+    /// When the next frame enters [default: sensor; `demo` with files: complete; `replay`: always complete].
     #[arg(long, value_enum)]
     pub(crate) pace: Option<Pace>,
     /// Frames a second at pace `sensor` [default: the input's own times, else 10].
@@ -153,10 +153,10 @@ pub(crate) struct PipelineArgs {
     #[arg(long = "loop", help_heading = INPUT)]
     #[serde(rename = "loop", skip_serializing_if = "std::ops::Not::not")]
     pub(crate) repeat: bool,
-    /// End after so many seconds of input.
+    /// End this many seconds after the first scan, by the clock.
     #[arg(long, help_heading = INPUT)]
     pub(crate) seconds: Option<f64>,
-    /// Name of this pipeline: two with different names run side by side [default: MLUC_INSTANCE, else default].
+    /// Name of this pipeline: two with different names run side by side [default: MLUC_INSTANCE, else default; `demo`: a name of its own].
     #[arg(long)]
     pub(crate) instance: Option<String>,
     /// Configuration file (TOML).
@@ -251,7 +251,7 @@ pub struct StageArgs {
 /// What `mluc doctor` is asked to look at.
 #[derive(Args, Clone, Debug)]
 pub struct DoctorArgs {
-    /// The model that shall run.
+    /// The model to check.
     #[arg(long, default_value = DEFAULT_MODEL)]
     pub(crate) model: String,
     /// Look at these scans too: what sensor they are of, and whether the model takes them.

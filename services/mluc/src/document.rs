@@ -1,8 +1,7 @@
 //! Settings as text: the configuration file with its errors, and the document that a running pipeline hands to its stages.
 
-use std::fs::{File, TryLockError};
-use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::{fs::File, fs::TryLockError, io::Write};
 
 use anyhow::Context;
 use mluc_runtime::Instance;

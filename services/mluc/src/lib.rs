@@ -56,6 +56,7 @@ pub fn exit_code(program: &str, result: anyhow::Result<ExitCode>) -> ExitCode {
 /// The program `mluc`; `has_stdout`: whether standard output was open when it was started.
 pub fn main(has_stdout: bool) -> ExitCode {
     let cli = Cli::parse();
+    mluc_runtime::prepare_signals();
     if let Some(format) = &cli.log_format {
         choose_log_format(format);
     }

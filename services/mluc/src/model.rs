@@ -1,7 +1,6 @@
 //! Finding a model: built into this program, by name, or a file.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::{fs, path::Path, path::PathBuf};
 
 use anyhow::Context;
 use mluc_model::{HeadKind, Model};

@@ -2,8 +2,7 @@
 
 use std::fs::{DirBuilder, File, read_dir, remove_dir_all, rename};
 use std::io::{IsTerminal, Read, copy, stdin};
-use std::os::unix::fs::DirBuilderExt;
-use std::path::{Path, PathBuf};
+use std::{os::unix::fs::DirBuilderExt, path::Path, path::PathBuf};
 
 use anyhow::{Context, ensure};
 

@@ -217,8 +217,7 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::cli::{Cli, Command};
-    use crate::settings::Pace;
+    use crate::{cli::Cli, cli::Command, settings::Pace};
 
     fn resolved(arguments: &[&str]) -> Resolved {
         let cli = Cli::try_parse_from(["mluc", "up"].iter().chain(arguments)).unwrap();

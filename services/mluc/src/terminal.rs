@@ -1,7 +1,6 @@
 //! The output of a command. A full or closed terminal or file causes an error at most, never a panic while stages run.
 
-use std::io::{Write, stdout};
-use std::{fmt::Display, time::Duration};
+use std::{fmt::Display, io::Write, io::stdout, time::Duration};
 
 use anyhow::Context;
 use mluc_runtime::{LOG_FORMATS, PatientStderr, log_format, log_line};

@@ -1,7 +1,6 @@
 //! `docs/configuration.md` names exactly the keys and the environment variables that the code reads.
 
-use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::{collections::BTreeSet, path::Path, path::PathBuf};
 
 use mluc::{document::known_keys, settings::Settings};
 

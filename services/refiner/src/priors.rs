@@ -14,7 +14,6 @@ pub(crate) const LENGTH_MAX_M: f64 = 16.0;
 /// A cluster within this size (l, w, h, m) is only divided when all its parts stand upright: a forklift's mast and a
 /// bicycle's rider do, the rest of the vehicle does not.
 pub(crate) const UPRIGHT_APART_M: [f64; 3] = [3.4, 1.9, 2.6];
-
 /// A side is completed to at least this share of the other side: the side away from the sensor is never seen whole.
 pub(crate) const FAR_SIDE_SHARE: f64 = 0.4;
 /// A side is not completed beyond this, m: no road user is wider.
@@ -47,12 +46,10 @@ pub(crate) const ENDS: [EndFace; 2] = [
 pub(crate) const END_ASIDE_MAX_RAD: f64 = std::f64::consts::FRAC_PI_6;
 /// Minimum width of an end's upper third, as a share of the end's width: a cyclist seen from the side is narrow above.
 pub(crate) const END_TOP_SHARE_MIN: f64 = 0.6;
-
 /// Minimum completed length and seen height, m, of an object that continues above the sensor's topmost beam: a truck, not a car close by.
 pub(crate) const CUT_TOP_MIN_M: [f64; 2] = [3.0, 2.0];
 /// Minimum height of such an object above the ground, m.
 pub(crate) const CUT_TOP_HEIGHT_M: f64 = 3.2;
-
 /// Sizes (l, w, h: minimum and maximum, m) of a road user: from a person seen from one side to a truck.
 pub(crate) const ROAD_USER_M: [[f64; 2]; 3] = [[0.4, 14.0], [0.4, 3.2], [0.8, 4.2]];
 /// An object with both sides shorter than the first number and higher than the second is a post, m.

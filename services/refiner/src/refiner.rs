@@ -10,10 +10,9 @@ use mluc_model::{Beams, Model, Probabilities, ScoreMin};
 use crate::clusterer::{Clusterer, FrameTask, NoClusterer, ScanClusterer};
 use crate::decide::{UnknownScorer, leave_out_low_scores};
 use crate::merge::{KNOWN_MARGIN_M, best_first, merge};
-use crate::output::{Counters, RefinerOutput};
 use crate::proposal::{Proposal, valid_box};
 use crate::{ClusterScorer, RefinerError, Sensor, Settings, Variant};
-use crate::{frame::FrameIndex, paper::PaperClusterer};
+use crate::{frame::FrameIndex, output::Counters, output::RefinerOutput, paper::PaperClusterer};
 
 /// Maximum work of all candidates of a frame in the paper's variants: reads of points. It is counted and not timed, so that
 /// equal input gives equal output. In the variant that clusters the scan once, the number of points bounds the work.

@@ -8,26 +8,14 @@ use mluc_model::ScoreMin;
 use serde::{Deserialize, Serialize};
 use smart_default::SmartDefault;
 
-/// Settings, a model or a sensor that no refiner can work with.
+/// Settings, a model or a sensor that no refiner can work with: what it is about, what is expected, what was found.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{what}: expected {expected}, found {found}")]
-pub struct RefinerError {
-    what: String,
-    expected: String,
-    found: String,
-}
+#[error("{0}")]
+pub struct RefinerError(String);
 
 impl RefinerError {
-    pub(crate) fn new(
-        what: impl Display,
-        expected: impl Display,
-        found: impl Display,
-    ) -> RefinerError {
-        RefinerError {
-            what: what.to_string(),
-            expected: expected.to_string(),
-            found: found.to_string(),
-        }
+    pub(crate) fn new(what: impl Display, expected: impl Display, found: impl Display) -> Self {
+        RefinerError(format!("{what}: expected {expected}, found {found}"))
     }
 
     /// The first setting that is out of its range: name, what is expected, value, whether that fits.
@@ -59,25 +47,7 @@ pub enum Variant {
     None,
 }
 
-impl Variant {
-    /// All, the paper's first.
-    pub const ALL: [Variant; 4] = [
-        Variant::Paper,
-        Variant::PaperCorrected,
-        Variant::RangeScaled,
-        Variant::None,
-    ];
-
-    /// The word in the settings.
-    pub fn name(self) -> &'static str {
-        ["paper", "paper-corrected", "range-scaled", "none"][self as usize]
-    }
-
-    /// By its name.
-    pub fn from_name(name: &str) -> Option<Variant> {
-        Variant::ALL.into_iter().find(|v| v.name() == name)
-    }
-}
+mluc_ipc_types::values!(Variant: Paper "paper" PaperCorrected "paper-corrected" RangeScaled "range-scaled" None "none");
 
 /// What a user sets. Join distance: `join_m` + `join_per_range` x range, at most `join_max_m`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, SmartDefault)]

@@ -5,8 +5,7 @@ mod common;
 use common::{CART, box_of, candidate, is, known, point, refine, scan, standing};
 use mluc_geometry::{Box3, Inside, iou_3d};
 use mluc_ipc_types::{Detection, Disposition, Object, Point};
-use mluc_refiner::Variant::{PaperCorrected, RangeScaled};
-use mluc_refiner::{RefinerOutput, Variant};
+use mluc_refiner::{RefinerOutput, Variant, Variant::PaperCorrected, Variant::RangeScaled};
 
 /// How many points of an object lie in a box with a margin of 0.05 m, and how many points it has.
 fn inside(points: &[Point], out: &RefinerOutput, object: &Object, shape: &Box3) -> [usize; 2] {

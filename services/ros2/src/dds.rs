@@ -1,7 +1,6 @@
 //! DDS as ROS 2 uses it: names of topics and types, the domain, messages that are in CDR already.
 
-use std::convert::Infallible;
-use std::time::{Duration, Instant};
+use std::{convert::Infallible, time::Duration, time::Instant};
 
 use anyhow::Context;
 use bytes::Bytes;

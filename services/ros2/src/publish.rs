@@ -7,9 +7,8 @@ use bytes::Bytes;
 use mluc_gateway::ros2::topics;
 use mluc_runtime::Instance;
 use mluc_view::Follower;
-use rustdds::no_key::DataWriter;
 use rustdds::{DataWriterStatus, DomainParticipant, DomainParticipantStatusEvent as Event};
-use rustdds::{Duration, LostReason, QosPolicyBuilder, StatusEvented};
+use rustdds::{Duration, LostReason, QosPolicyBuilder, StatusEvented, no_key::DataWriter};
 
 use crate::dds::{Encoded, Patience, anew, join, keep, topic};
 
@@ -17,7 +16,6 @@ use crate::dds::{Encoded, Patience, anew, join, keep, topic};
 const DEPTH: [i32; 2] = [10, 5];
 /// Number of clouds and of other messages that may wait for subscribers (1 s and 100 s at 10 Hz); more are dropped. A lost subscriber counts for 20 s.
 const BEHIND_MAX: [i32; 2] = [10, 1000];
-
 /// After a pause of this length, other participants consider this process gone (leases of 10 s, renewed every 8 s).
 const STILL: std::time::Duration = std::time::Duration::from_secs(8);
 

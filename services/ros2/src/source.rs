@@ -1,9 +1,8 @@
 //! Scans from a ROS 2 topic. Only the newest cloud is used; skipped clouds are counted by the publisher's sequence numbers.
 
-use std::task::{Wake, Waker};
 use std::thread::{Thread, current, park_timeout};
 use std::time::{Duration, Instant};
-use std::{path::Path, sync::Arc};
+use std::{path::Path, sync::Arc, task::Wake, task::Waker};
 
 use mluc::UsageError;
 use mluc_gateway::ros2::topics;

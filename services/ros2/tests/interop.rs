@@ -1,7 +1,6 @@
 //! Another implementation at both ends: Cyclone DDS publishes clouds and reads objects (`cyclone.py`).
 
-use std::process::{Command, Stdio};
-use std::{net::UdpSocket, time::Duration};
+use std::{net::UdpSocket, process::Command, process::Stdio, time::Duration};
 
 use mluc::bundled::BundledScans;
 use mluc_tests::{Running, Setting, built_program, python_with, root, skip, write_file};

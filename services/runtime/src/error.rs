@@ -17,6 +17,16 @@ pub enum RuntimeError {
     Failed(String),
 }
 
+/// What iceoryx2's refusal of a port means: all places are taken, or there is no memory for another one.
+pub(crate) fn refusal(port: &str, cause: &str) -> String {
+    if !cause.starts_with("UnableToCreate") {
+        return format!("no place for another {port} ({cause})");
+    }
+    format!(
+        "no shared memory for a {port} ({cause}): see `df /dev/shm`, `ulimit -n` and `ulimit -v`"
+    )
+}
+
 impl RuntimeError {
     pub(crate) fn instance(instance: &str, cause: impl Display) -> RuntimeError {
         RuntimeError::Failed(format!("instance '{instance}': {cause}"))

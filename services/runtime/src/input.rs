@@ -6,8 +6,9 @@ use iceoryx2::sample::Sample;
 use iceoryx2::{port::listener::Listener, port::subscriber::Subscriber, prelude::PortFactory};
 use mluc_ipc_types::{FrameHeader, Topic};
 
+use crate::error::{Result, refusal};
 use crate::node::{DataService, IpcNode, WakeService};
-use crate::{Instance, Ipc, Payload, RuntimeError, error::Result, mapping, monotonic_ns};
+use crate::{Instance, Ipc, Payload, RuntimeError, mapping, monotonic_ns};
 
 /// Longest sleep of a wait that no listener can end.
 const BLIND_WAIT: Duration = Duration::from_millis(5);
@@ -44,8 +45,7 @@ impl<T: Payload> Input<T> {
         let service = node.open_data::<T>(topic, name)?;
         let failed = |cause: String| RuntimeError::topic(node.instance.name(), name, cause);
         let subscriber = service.subscriber_builder().create();
-        let subscriber =
-            subscriber.map_err(|e| failed(format!("no place for another consumer ({e:?})")))?;
+        let subscriber = subscriber.map_err(|e| failed(refusal("consumer", &format!("{e:?}"))))?;
         let mut wake = None;
         if wakes {
             let service = node.open_wake(topic, name)?;

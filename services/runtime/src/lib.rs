@@ -44,7 +44,7 @@ pub use output::{Loan, Output};
 pub use run::random_run_id;
 pub use scans::Scans;
 pub use shell::{Next, Shell};
-pub use signals::{Shutdown, reload_flag};
+pub use signals::{Shutdown, prepare_signals, reload_flag};
 pub use stage::{Algorithm, StageError, count_frame, finish, run_stage, stamp_published};
 pub use status::StatusWatch;
 

@@ -5,16 +5,13 @@ mod repeats;
 mod stderr;
 
 use std::sync::{Mutex, OnceLock, PoisonError};
-use std::time::{Duration, SystemTime};
-use std::{collections::BTreeMap, fmt::Debug, io::Write};
+use std::{collections::BTreeMap, fmt::Debug, io::Write, time::Duration, time::SystemTime};
 
 use humantime::format_rfc3339_millis;
 use serde_json::json;
-use tracing::Level;
-use tracing::field::{Field, Visit};
-use tracing_subscriber::EnvFilter;
-use tracing_subscriber::filter::LevelFilter;
+use tracing::{Level, field::Field, field::Visit};
 use tracing_subscriber::prelude::*;
+use tracing_subscriber::{EnvFilter, filter::LevelFilter};
 
 use crate::monotonic_ns;
 use repeats::Repeats;

@@ -1,7 +1,6 @@
 //! iceoryx2's node of this process, and opening services from the one table.
 
-use std::fmt::Debug;
-use std::time::{Duration, Instant};
+use std::{fmt::Debug, time::Duration, time::Instant};
 
 use iceoryx2::node::{Node, NodeBuilder, NodeState};
 use iceoryx2::prelude::{

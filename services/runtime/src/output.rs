@@ -5,8 +5,9 @@ use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, PortFactory};
 use iceoryx2::{port::notifier::Notifier, port::publisher::Publisher, sample_mut::SampleMut};
 use mluc_ipc_types::{FrameHeader, Topic};
 
+use crate::error::{Result, refusal};
 use crate::node::{DataService, IpcNode, WakeService};
-use crate::{Instance, Ipc, Payload, RuntimeError, error::Result, instance::SHARED_MEMORY};
+use crate::{Instance, Ipc, Payload, RuntimeError, instance::SHARED_MEMORY};
 
 /// Lends memory of a topic, sends it, and wakes the consumers that wait for it.
 pub struct Output<T: Payload> {
@@ -38,7 +39,7 @@ impl<T: Payload> Output<T> {
             // This case never occurs while overflow is on; the default would wait for ever for a killed consumer.
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
-            .map_err(|e| failed(format!("no place for another producer ({e:?})")))?;
+            .map_err(|e| failed(refusal("producer", &format!("{e:?}"))))?;
         let notifier = wake.notifier_builder().create();
         Ok(Output {
             publisher,

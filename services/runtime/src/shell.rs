@@ -6,13 +6,12 @@ use mluc_ipc_types::{
     FrameHeader, Health, HealthState, RunDescription, Stage, Text, Topic, WIRE_VERSION,
 };
 
-use crate::mapping::{self, Prefault};
-use crate::run::{self, RunWatch};
 use crate::{
     Claim, HealthWatch, Input, Instance, Membership, Message, Output, Payload, RuntimeError,
     Shutdown, StatusWatch, monotonic_ns,
 };
 use crate::{error::Result, health::Heartbeat, input::Wake, manager::Manager, node::IpcNode};
+use crate::{mapping, mapping::Prefault, run, run::RunWatch};
 
 /// Time between two checks for new segments, ns.
 const TOUCH_PERIOD_NS: u64 = 100_000_000;

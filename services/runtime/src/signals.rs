@@ -3,10 +3,21 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use nix::sys::signal::{SigSet, Signal};
+use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 
 use crate::{RuntimeError, error::Result};
+
+/// Makes signals what programs expect, whatever the parent has made of them: children can be waited for, requests to end arrive, and a terminal's
+/// `tostop` does not stop a stage that writes to it. Programs that are started later inherit the last two.
+pub fn prepare_signals() {
+    // Where one of these fails, it stays as it is.
+    let _ = flag::register(SIGCHLD, Arc::default());
+    let ends = [Signal::SIGTERM, Signal::SIGINT, Signal::SIGHUP];
+    let _ = SigSet::from_iter(ends).thread_unblock();
+    let _ = SigSet::from(Signal::SIGTTOU).thread_block();
+}
 
 /// Whether this process was asked to end. Clones share the flag. The default is a flag that only [`Shutdown::request`] sets.
 #[derive(Clone, Debug, Default)]

@@ -10,6 +10,8 @@ use crate::{Next, Scan, files::Layout, numbered, pcap::Capture, rounds::Rounds};
 
 /// Datagrams per call. After these the caller must call again, because it has heartbeats to send.
 const LOOKS_MAX: u32 = 2000;
+/// Why turns do not end.
+pub(crate) const CLOCK: &str = "the sensor does not turn, or its clock stands still or goes back";
 
 /// A capture that is decoded as it is read. The sensor's turns are numbered, including the partial turns at its start and end.
 pub(crate) struct CaptureScans {
@@ -87,8 +89,11 @@ impl CaptureScans {
     fn tell_counts(&self) {
         let (file, packets) = (self.capture.counts(), self.decoder.counts());
         let path = self.path.display();
-        tracing::info!(%path, turns = packets.revolutions, packets = packets.packets, lost = packets.lost, damaged = packets.damaged,
+        tracing::info!(%path, turns = packets.revolutions, packets = packets.packets, lost = packets.lost, damaged = packets.damaged, late = packets.late,
             other = packets.other_traffic + file.other, "the capture's end");
+        if packets.late > packets.packets / 10 {
+            tracing::warn!(%path, "many packets came twice or are older than those before: recorded twice, or {CLOCK}");
+        }
         if file.cut_short {
             tracing::warn!(%path, "the capture ends within a packet");
         }

@@ -2,25 +2,19 @@
 
 use std::fmt::Display;
 
-/// A source that cannot be used. Faults of single packets are counted instead.
+/// A source that cannot be used: the field or file, what was expected and what was found; or a path or address and the system's answer. Faults of
+/// single packets are counted instead.
 #[derive(Debug, thiserror::Error)]
-pub enum SourceError {
-    /// The field or file, what was expected and what was found. Causes: a field of a file of points, of its layout or of a calibration; a file of
-    /// another format; packets of no known sensor, or of another sensor than the calibration's.
-    #[error("{0}")]
-    Unexpected(String),
-    /// A file or socket that the system refuses: its path or address, and the system's answer.
-    #[error("{0}: {1}")]
-    Io(String, std::io::Error),
-}
+#[error("{0}")]
+pub struct SourceError(String);
 
 impl SourceError {
     pub(crate) fn field(place: impl Display, expected: impl Display, found: impl Display) -> Self {
-        SourceError::Unexpected(format!("{place}: expected {expected}, found {found}"))
+        SourceError(format!("{place}: expected {expected}, found {found}"))
     }
 
     pub(crate) fn io(place: impl Display, cause: impl Into<std::io::Error>) -> SourceError {
-        SourceError::Io(place.to_string(), cause.into())
+        SourceError(format!("{place}: {}", cause.into()))
     }
 }
 

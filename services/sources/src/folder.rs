@@ -1,8 +1,6 @@
 //! Scans in a folder: their files, order, stamps and poses.
 
-use std::fs::{self, File};
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::{fs, fs::File, io::Read, path::Path, path::PathBuf};
 
 use anyhow::{Context, bail, ensure};
 use mluc_ipc_types::{EgoPose, Flags};
@@ -107,6 +105,22 @@ impl Folder {
             0 if is_five => 5,
             named => named,
         };
+        // A pipe has size 0, and bytes read from it cannot be read again.
+        let first = scans.first().filter(|_| sizes[0] > 0);
+        let mut start = Vec::new();
+        if let Some(Ok(file)) = first.map(File::open) {
+            // A file that cannot be read is flagged when it is loaded.
+            let _ = file.take(START_BYTES).read_to_end(&mut start);
+        }
+        let is_named = !self.layout.columns.is_empty();
+        if is_five && !is_named && files::has_negative_intensities(&start, 5) {
+            let found = "negative ones: say which columns with --columns x,y,z,intensity,..";
+            return refused(
+                "numbers",
+                "20 bytes a point, the fourth an intensity",
+                found,
+            );
+        }
         if named > 0 {
             let fitting = sizes.iter().filter(|size| size.is_multiple_of(4 * named));
             if 2 * fitting.count() >= sizes.len() {
@@ -114,13 +128,6 @@ impl Folder {
             }
             let expected = format!("{} bytes a point, of {named} columns", 4 * named);
             return refused("size", &expected, format!("{} bytes", sizes[0]));
-        }
-        // A pipe has size 0, and bytes read from it cannot be read again.
-        let first = scans.first().filter(|_| sizes[0] > 0);
-        let mut start = Vec::new();
-        if let Some(Ok(file)) = first.map(File::open) {
-            // A file that cannot be read is flagged when it is loaded.
-            let _ = file.take(START_BYTES).read_to_end(&mut start);
         }
         files::check_columns(&sizes, &start)
     }
@@ -187,7 +194,7 @@ impl Folder {
         Ok(match (is_cut, is_long) {
             (false, _) => Flags::default(),
             (true, false) => {
-                let what = "ends within a point, or has fewer points than its header says";
+                let what = "ends within a point, or has fewer or more points than its header says";
                 tracing::warn!("{}: damaged: {what}", path.display());
                 Flags::DAMAGED_INPUT
             }
@@ -366,6 +373,16 @@ mod tests {
         }
         fs::write(root.path().join("e/f.PCD.bin"), [0; 20]).unwrap();
         assert_eq!(find(&root.path().join("e")).unwrap().name(0), "f");
+        let four = [1.5f32, -2.5, -1.5, 0.5].map(f32::to_le_bytes).concat();
+        fs::write(root.path().join("e/f.PCD.bin"), four.repeat(200)).unwrap();
+        let error = format!(
+            "{:#}",
+            find(&root.path().join("e")).err().expect("no rings")
+        );
+        assert!(
+            error.contains("negative ones: say which columns"),
+            "{error}"
+        );
         let columns = "x,y,z,intensity,ring,time".split(',').map(str::to_string);
         let layout = Layout {
             columns: columns.collect(),

@@ -1,13 +1,11 @@
 //! A folder that another program writes scans into: one file per scan, with ascending names. The newest complete file is the next scan.
 
-use std::fs;
-use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
+use std::{fs, path::Path, path::PathBuf};
 
 use anyhow::{Context, ensure};
 
-use crate::folder::{Folder, scan_files};
-use crate::{LiveScans, Next, Scan, files::Layout};
+use crate::{LiveScans, Next, Scan, files::Layout, folder::Folder, folder::scan_files};
 
 /// Prefix of an input that is such a folder.
 pub const FOLLOW: &str = "follow:";

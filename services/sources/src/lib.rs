@@ -155,10 +155,15 @@ pub fn idle_options(input: &Path, layout: &Layout) -> Vec<&'static str> {
 impl Source {
     /// A source that another program implements. Errors: the layout requests a part (shard) of it.
     pub fn live(scans: impl LiveScans + 'static, layout: &Layout) -> anyhow::Result<Source> {
-        Source::of(Kind::Live(Box::new(scans)), false, layout.shard)
+        Source::of(Kind::Live(Box::new(scans)), false, layout)
     }
 
-    fn of(kind: Kind, repeat: bool, shard: Option<[u32; 2]>) -> anyhow::Result<Source> {
+    fn of(kind: Kind, repeat: bool, layout: &Layout) -> anyhow::Result<Source> {
+        if layout.mirrors() && !matches!(kind, Kind::Merged(_)) {
+            let axes = &layout.axes;
+            tracing::warn!("axes {axes} mirror the scan: right for left-handed coordinates only");
+        }
+        let shard = layout.shard;
         let is_whole = repeat || matches!(kind, Kind::Live(_) | Kind::Merged(_));
         if shard.is_some() && is_whole {
             let expected = "one input of files, a capture or a recording, once";
@@ -204,7 +209,7 @@ impl Source {
             )),
         };
         has_poses.with_context(|| format!("input {}: deskew", input.display()))?;
-        Source::of(kind, repeat, layout.shard).with_context(|| format!("input {}", input.display()))
+        Source::of(kind, repeat, layout).with_context(|| format!("input {}", input.display()))
     }
 
     /// The source of the first sensor where several are merged, else this source.

@@ -1,16 +1,18 @@
 //! Scans from a live sensor: a thread receives its packets and keeps the newest turn for the pipeline.
 
-use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
-use std::{path::Path, sync::Arc, thread::JoinHandle};
+use std::{net::Ipv4Addr, net::SocketAddr, path::Path, sync::Arc, thread::JoinHandle};
 
 use anyhow::{Context, bail};
 use crossbeam_channel::{Receiver as Turns, RecvTimeoutError, Sender, TrySendError, bounded};
 
-use crate::packets::{Calibration, Detector};
-use crate::{LiveScans, Next, Scan, SourceError};
-use crate::{capture::calibration, files::Layout, udp::Receiver};
+use crate::{LiveScans, Next, Scan, SourceError, packets::Calibration, packets::Detector};
+use crate::{
+    capture::{CLOCK, calibration},
+    files::Layout,
+    udp::Receiver,
+};
 
 /// How long a read of the socket waits at most.
 const SILENCE: Duration = Duration::from_millis(500);
@@ -192,8 +194,7 @@ impl Listener {
                 self.give(Ok(scan));
             } else if turned.elapsed() > NO_TURN {
                 turned = Instant::now();
-                let why = "the sensor does not turn, or its clock stands still or goes back";
-                tracing::warn!("packets come, but no turn has ended for {NO_TURN:?}: {why}");
+                tracing::warn!("packets come, but no turn has ended for {NO_TURN:?}: {CLOCK}");
             }
             let dropped = self.receiver.dropped();
             let missing = counts.lost + counts.damaged + u64::from(dropped);

@@ -3,8 +3,7 @@
 //! Packets are matched by their time of arrival, which is one clock for all sensors; recordings by the stamps of their messages; folders by
 //! `timestamps.txt`, followed ones by the files' times; inputs without stamps by number. Each scan is in one frame at most.
 
-use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::{path::PathBuf, time::Duration, time::Instant};
 
 use anyhow::{Context, ensure};
 use mluc_ipc_types::{EgoPose, Flags};
@@ -108,7 +107,7 @@ impl Source {
             frame: None,
             missing: String::new(),
         });
-        Source::of(kind, false, layout.shard)
+        Source::of(kind, false, layout)
     }
 }
 

@@ -17,7 +17,6 @@ const POSE: &str = "geometry_msgs/msg/PoseStamped";
 pub const ODOMETRY: &str = "nav_msgs/msg/Odometry";
 /// All message types with poses.
 pub(crate) const POSES: [&str; 3] = [ODOMETRY, POSE, TRANSFORMS];
-
 /// Number of poses that are kept per frame (up to twice as many): one second at the highest rate of any odometry.
 const POSES_MAX: usize = 500;
 /// Number of frames that are kept; robots have about a hundred.

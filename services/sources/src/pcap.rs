@@ -1,8 +1,7 @@
 //! UDP datagrams of a capture file, pcap or pcapng: Ethernet with VLANs, Linux cooked, loopback or raw IP; fragments are reassembled.
 
-use std::fs::File;
-use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
+use std::{fs::File, net::IpAddr, net::SocketAddr};
 
 use etherparse::{NetSlice, SlicedPacket, TransportSlice, UdpSlice, defrag::IpDefragPool};
 use pcap_parser::{Linktype, PcapBlockOwned, PcapError, create_reader, traits::PcapReaderIterator};
@@ -103,6 +102,12 @@ impl Capture {
                 Ok(None) => (),
                 Err(error) => other = other.or(Some(error)),
             }
+        }
+        let counts = self.counts();
+        if counts.datagrams == 0 && counts.other > 0 {
+            let help = "cut by the recorder (tcpdump -s 0), or of another kind of network?";
+            let found = format!("{} frames without a whole one: {help}", counts.other);
+            return refused("packets", "UDP datagrams", found);
         }
         Err(other.unwrap_or_else(|| detector.not_found()))
     }
@@ -223,7 +228,9 @@ impl Frames {
     fn datagram(&mut self, (stamp_ns, link, frame): Frame) -> Option<Address> {
         let sliced = match link {
             Linktype::ETHERNET => SlicedPacket::from_ethernet(frame),
-            Linktype::LINUX_SLL => SlicedPacket::from_linux_sll(frame),
+            // Without a known hardware type (loopback) the packet follows sixteen bytes all the same.
+            Linktype::LINUX_SLL => SlicedPacket::from_linux_sll(frame)
+                .or_else(|_| SlicedPacket::from_ip(frame.get(16..).unwrap_or_default())),
             // Twenty bytes before the packet (`tcpdump -i any`).
             Linktype::LINUX_SLL2 => SlicedPacket::from_ip(frame.get(20..).unwrap_or_default()),
             // Four bytes of address family before the packet.
@@ -428,6 +435,11 @@ pub(crate) mod tests {
             let error = read_all(bytes.as_bytes()).unwrap_err().to_string();
             assert!(error.contains(expected), "{error}");
         }
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), pcap(&[ethernet(&POINTS)[..96].to_vec()])).unwrap();
+        let cut = Capture::open(file.path()).unwrap().detect(None);
+        let error = cut.err().unwrap().to_string();
+        assert!(error.contains("1 frames without a whole one"), "{error}");
         let error = Capture::open("/no/such.pcap").err().unwrap().to_string();
         assert!(error.contains("/no/such.pcap"), "{error}");
     }

@@ -1,13 +1,12 @@
 //! Scans from a recording: the messages of one topic of an MCAP file, in the order of the file.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
+use std::{collections::BTreeMap, collections::BTreeSet, fs::File};
 
 use anyhow::{Context, Result};
 use mcap::sans_io::{LinearReaderOptions, SummaryReadEvent, SummaryReader, SummaryReaderOptions};
-use mcap::{Channel, Summary, io::MessageReader};
+use mcap::{Channel, McapError, Summary, io::MessageReader};
 use mluc_ipc_types::Flags;
 
 use crate::files::{CLOUDS, Cloud, Layout};
@@ -93,8 +92,16 @@ impl Recording {
             return Ok(Next::Scan);
         }
         for _ in 0..LOOKS_MAX {
-            let message = self.messages.next().transpose();
-            match message.with_context(|| format!("input {}", self.path.display()))? {
+            let path = self.path.display();
+            let message = match self.messages.next().transpose() {
+                Err(error) if self.sequence > 0 && !matches!(error, McapError::Io(_)) => {
+                    let (read, scans) = (self.sequence, self.count);
+                    tracing::warn!(%path, read, scans, "the recording is damaged, its rest is not read: {error}");
+                    None
+                }
+                message => message.with_context(|| format!("input {path}"))?,
+            };
+            match message {
                 Some(message) if self.layout.topic.as_ref() == Some(&message.channel.topic) => {
                     let Some(cloud) = cloud(&message.channel) else {
                         continue;
@@ -194,6 +201,9 @@ impl Scan {
             self.bytes.clear();
             (0, true, String::new())
         });
+        if is_damaged && !self.bytes.is_empty() {
+            tracing::warn!(scan = %self.name, topic = layout.topic, "damaged: a message has fewer or more points than it says");
+        }
         let damaged = is_damaged.then_some(Flags::DAMAGED_INPUT);
         self.flags = damaged.unwrap_or_default();
         let stamp_ns = Some(stamp_ns).filter(|stamp_ns| *stamp_ns > 0);

@@ -74,6 +74,14 @@ fn scans_come_as_they_were_recorded_round_after_round() {
         let end = load(&mut source, sequences.end, &mut scan);
         assert_eq!(end == Next::End, !repeat);
     }
+    // Damage in the second chunk: the scan of the first one comes, and then the end.
+    let mut bytes = std::fs::read(recording("lz4.mcap")).unwrap();
+    bytes[600] ^= 1;
+    let file = tempfile::Builder::new().suffix(".mcap").tempfile().unwrap();
+    std::fs::write(file.path(), bytes).unwrap();
+    let mut source = open(file.path(), None, false).unwrap();
+    let found = [0, 1, 2].map(|sequence| load(&mut source, sequence, &mut scan));
+    assert_eq!((found[0], found[2]), (Next::Scan, Next::End));
 }
 
 #[test]

@@ -12,7 +12,6 @@ use serde_json::Value;
 
 /// The report quotes at most this much of the program's stderr, bytes.
 const WORDS_MAX: u64 = 4096;
-
 /// Time to end after SIGTERM. The supervisor waits only 0.6 s and then kills; a loaded test machine is slow.
 const END_PATIENCE: Duration = Duration::from_secs(3);
 

@@ -1,12 +1,10 @@
 //! The common parts of the suites: their cases, which run one after the other on each program, and the command line.
 
-use std::process::ExitCode;
-use std::time::{Duration, Instant};
+use std::{process::ExitCode, time::Duration, time::Instant};
 
 use anyhow::{Context, bail, ensure};
 use clap::Args;
-use mluc::settings::{DEFAULT_MODEL, Settings};
-use mluc::{EXIT_FAILURE, UsageError};
+use mluc::{EXIT_FAILURE, UsageError, settings::DEFAULT_MODEL, settings::Settings};
 use mluc::{external::installed_program, model::load, stages::describe_run, terminal::print_out};
 use mluc_geometry::Random;
 use mluc_ipc_types::{FrameHeader, RunDescription, Stage, WIRE_VERSION};

@@ -12,9 +12,8 @@ use mluc_dataset::{Label, file_stems, read_calibration, read_detections, read_la
 use mluc_geometry::ImageSize;
 use mluc_ipc_types::FrameHeader;
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::{fs::File, io::BufReader};
+use std::{collections::BTreeMap, collections::BTreeSet, fs::File, io::BufReader};
 
 /// One folder of labels and its detections.
 #[derive(Clone, Debug)]

@@ -1,8 +1,7 @@
 //! The labelled frames on which a model is evaluated.
 
 use super::ModelGate;
-use crate::input::{image_size, image_size_beside};
-use crate::{EvaluateError, FrameTruth, Result};
+use crate::{EvaluateError, FrameTruth, Result, input::image_size, input::image_size_beside};
 use mluc_dataset::{Dataset, DatasetError};
 use mluc_geometry::ImageSize;
 use mluc_head::Detection;

@@ -10,8 +10,7 @@ use mluc_head::Detection;
 use mluc_ipc_types::WIRE_VERSION;
 use mluc_model::Model;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::{collections::BTreeMap, path::Path, path::PathBuf};
 
 /// Contents of a part; the first two fields must be equal in all parts.
 #[derive(Serialize, Deserialize)]

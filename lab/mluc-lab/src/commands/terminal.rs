@@ -1,8 +1,7 @@
 //! Output of the commands, and common options. A full or closed terminal or file must not stop the work.
 
 use mluc_dataset::whole_file::write_whole;
-use std::time::{Duration, Instant};
-use std::{fmt::Display, path::Path};
+use std::{fmt::Display, path::Path, time::Duration, time::Instant};
 use std::{io::IsTerminal, io::Write, io::stderr, io::stdout, sync::Mutex, sync::PoisonError};
 
 use anyhow::Context;

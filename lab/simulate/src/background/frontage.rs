@@ -1,10 +1,8 @@
 //! Frontages on both sides of a road: houses, walls, fences, hedges; and houses further back.
 
 use super::super::mesh::{GLASS, Mesh, Surface, mirrored, porous, solid, up, v};
-use super::super::{layout::half_turn, random::Dice};
-use super::variety::facade;
-use super::vegetation::{bush, thicket};
-use super::{Family, Place, Thing, Yard, built};
+use super::{Family, Place, Thing, Yard, built, vegetation::bush, vegetation::thicket};
+use crate::{background::variety::facade, layout::half_turn, random::Dice};
 
 /// Fills each side in pieces of 7 to 24 m.
 pub(super) fn place(yard: &mut Yard, dice: &mut Dice) {

@@ -2,10 +2,9 @@
 
 use super::super::layout::places::{AISLE_M, BAY_M};
 use super::super::mesh::{GLASS, METAL, Mesh, Surface, solid, up, v};
-use super::super::{place::Room, random::Dice};
 use super::confusers::{cabinet, covered, pallets};
-use super::furniture::bin;
 use super::{Builder, Place, Thing, Yard, built};
+use crate::{background::furniture::bin, place::Room, random::Dice};
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Maximum number of racks in a warehouse: each has many parts.

@@ -11,8 +11,7 @@ mod weather;
 
 use super::ground::{Ground, Place};
 use super::mesh::{Mesh, V3, v};
-use super::{Family, Step};
-use super::{footprint::Footprint, layout::Layout, random::Dice, scene::Scene};
+use super::{Family, Step, footprint::Footprint, layout::Layout, random::Dice, scene::Scene};
 
 /// Kinds of background, for the instance file: 0x8000 + kind.
 #[derive(Clone, Copy, Debug, PartialEq)]

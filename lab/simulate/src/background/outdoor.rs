@@ -1,12 +1,10 @@
 //! Open places: the lamps and islands of a car park, the stacks and piles of a depot, and the growth along a path.
 
 use super::super::mesh::{Mesh, V3, porous, solid, up, v};
-use super::super::{layout::places::AISLE_M, random::Dice};
 use super::confusers::{container, covered, dumpster, gas_tank, pallets};
 use super::furniture::{bench, pole, shelter, sign};
-use super::indoor::machine;
-use super::vegetation::{bush, tree};
-use super::{Builder, Thing, Yard, built};
+use super::{Builder, Thing, Yard, built, vegetation::bush, vegetation::tree};
+use crate::{background::indoor::machine, layout::places::AISLE_M, random::Dice};
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Lamp posts, low islands and trees between the rows; shelters for trolleys.

@@ -1,9 +1,8 @@
 //! Cars in several body styles, and vans: a lofted lower body with wheel arches, a glazed cabin, wheels, seats, mirrors.
 
 use super::super::mesh::{GLASS, INTERIOR, Mesh, Surface, V3, mirrored, solid, v};
-use super::super::{Family, random::Dice};
-use super::Model;
 use super::vehicle::{axle, occupant, paint, plate_and_lamps, seat};
+use crate::{Family, objects::Model, random::Dice};
 
 /// Side profile of a body style.
 #[derive(Clone, Copy)]
@@ -282,8 +281,7 @@ fn interpolate(knots: &[(f32, f32)], at: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use parry3d::query::{Ray, RayCast};
-    use parry3d::shape::TriMesh;
+    use parry3d::{query::Ray, query::RayCast, shape::TriMesh};
 
     #[test]
     fn tails_of_cars_are_closed_below_their_windows() {

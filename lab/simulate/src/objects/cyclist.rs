@@ -3,8 +3,7 @@
 use super::super::mesh::{
     METAL, Mesh, RETRO, RUBBER, SKIN, Surface, V3, circle, porous, solid, up, v,
 };
-use super::super::random::Dice;
-use super::Model;
+use crate::{objects::Model, random::Dice};
 
 /// A rider on a bicycle.
 pub(super) fn cyclist(dice: &mut Dice) -> Model {

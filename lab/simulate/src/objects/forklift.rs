@@ -1,9 +1,8 @@
 //! Forklifts: counterweight, mast of two rails, overhead guard, forks, driver, often a pallet with a load.
 
 use super::super::mesh::{METAL, Mesh, solid, up, v};
-use super::super::random::Dice;
-use super::Model;
 use super::vehicle::{axle, occupant, paint, seat};
+use crate::{objects::Model, random::Dice};
 
 /// A forklift; the forks and a carried load count as part of the object.
 pub(super) fn forklift(dice: &mut Dice) -> Model {

@@ -1,9 +1,8 @@
 //! Golf carts: low cowl, small wheels, open sides, benches, four thin pillars under a roof slab, up to four people.
 
 use super::super::mesh::{GLASS, Mesh, Surface, V3, solid, v};
-use super::super::random::Dice;
-use super::Model;
 use super::vehicle::{axle, occupant, paint, seat};
+use crate::{objects::Model, random::Dice};
 
 /// A golf cart with one or two benches.
 pub(super) fn golf_cart(dice: &mut Dice) -> Model {

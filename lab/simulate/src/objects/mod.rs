@@ -17,8 +17,7 @@ pub(crate) use cyclist::bicycle;
 pub(crate) use unseen::{Habit, street};
 
 use super::mesh::{Mesh, Surface, V3, v};
-use super::random::Dice;
-use super::{Class, Family};
+use super::{Class, Family, random::Dice};
 
 /// The annotated boxes of KITTI's vehicles are loose: their points are 5 to 10 cm further inside than in an exact box. The label of a vehicle of
 /// `sim-kitti` is larger than its triangles by this much on each side, m; the labels of `sim-udi` are exact.

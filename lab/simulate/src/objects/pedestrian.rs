@@ -1,8 +1,7 @@
 //! Pedestrians: walking or standing, sometimes bent, with a bag, an umbrella or a stroller.
 
 use super::super::mesh::{METAL, Mesh, RUBBER, SKIN, Surface, circle, solid, v};
-use super::super::{Family, random::Dice};
-use super::Model;
+use crate::{Family, objects::Model, random::Dice};
 
 /// A person of 1.76 m on average, in any phase of the step.
 pub(super) fn pedestrian(family: Family, dice: &mut Dice) -> Model {

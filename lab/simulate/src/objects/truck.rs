@@ -1,9 +1,8 @@
 //! Trucks: cab, gap, and one of five kinds of load; number of axles by length; an open space under the frame.
 
 use super::super::mesh::{GLASS, METAL, Mesh, RETRO, Surface, V3, circle, mirrored, solid, v};
-use super::super::random::Dice;
-use super::Model;
 use super::vehicle::{axle, occupant, paint, seat};
+use crate::{objects::Model, random::Dice};
 
 /// A truck of 5.5 to 16 m.
 pub(super) fn truck(dice: &mut Dice) -> Model {

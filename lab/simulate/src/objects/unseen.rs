@@ -3,10 +3,9 @@
 use super::super::mesh::{
     GLASS, INTERIOR, LEAVES, METAL, Mesh, RETRO, Surface, V3, porous, solid, v,
 };
-use super::super::random::Dice;
 use super::super::{Split, Unseen};
-use super::cyclist;
 use super::vehicle::{axle, occupant, paint};
+use crate::{objects::cyclist, random::Dice};
 use serde::Deserialize;
 use std::sync::LazyLock;
 

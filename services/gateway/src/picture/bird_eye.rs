@@ -1,8 +1,7 @@
 //! A scan from above: points by colour, boxes by kind, range rings in metres. Forward (+x) is up, left (+y) is left.
 
-use super::canvas::{Canvas, Color};
 use super::view::{BoxKind, DrawnBox, NIGHT, RING, View, color_of, ramp};
-use super::{captions::Captions, legend::draw_legend};
+use super::{canvas::Canvas, canvas::Color, captions::Captions, legend::draw_legend};
 
 /// Heights at the ends of the colour ramp, m above the sensor.
 pub(super) const RAMP_M: [f32; 2] = [-2.2, 1.2];

@@ -7,8 +7,16 @@ use super::{SensorEstimate, Unit};
 /// Ranges are counted by their exponent and three more bits: eight bins per octave.
 const RANGE_SHIFT: u32 = 20;
 const RANGE_BINS: usize = 1 << (31 - RANGE_SHIFT);
-/// Half of the returns of a sensor lie nearer than some tens of m. A median range above the first number is in cm, above the second in mm.
+/// Half of the returns of a sensor lie nearer than some tens of m. If nearly all ranges are above the last number, a median range above the first is in
+/// cm, above the second in mm.
 const UNITS_FROM: [f32; 2] = [200.0, 2_000.0];
+const UNITS_NEAREST: f32 = 20.0;
+/// Share of the returns that may be nearer than the nearest range: from the robot's own body, for instance.
+const NEAREST_SHARE: f32 = 0.1;
+/// Number of points whose places are compared with the others: missing returns may all lie at one place.
+const PLACES: usize = 16;
+/// Longer ranges count as this one, in the unit of the scans: squares of enormous coordinates overflow.
+const RANGE_MAX: f32 = 1e9;
 /// Intensities above 1 in a smaller share of the points are wrong returns; a guess.
 const LOUD_SHARE: f32 = 0.001;
 /// Only points whose hash is a multiple of this are checked for copies.
@@ -25,6 +33,8 @@ pub(super) struct Content {
     zeros: u64,
     hashed: u64,
     duplicates: u64,
+    /// Sampled points at the commonest place of each scan.
+    repeats: u64,
     ranges: Vec<u32>,
     hashes: Vec<u32>,
     intensity_max: f32,
@@ -61,7 +71,7 @@ impl Content {
         }
         for point in points.iter().step_by(sample) {
             let [x, y, z] = [point.x_m, point.y_m, point.z_m];
-            let range = (x * x + y * y + z * z).sqrt();
+            let range = (x * x + y * y + z * z).sqrt().min(RANGE_MAX);
             self.sampled += 1;
             if range < 1e-3 {
                 self.zeros += 1;
@@ -71,8 +81,17 @@ impl Content {
                 self.intensity_max = self.intensity_max.max(point.intensity);
             }
         }
-        let half = self.range(0.5);
-        let is_beyond = |least: &&f32| half > **least;
+        // An odd step meets every second point too.
+        let places = points.iter().step_by(points.len() / PLACES | 1);
+        let repeats = places.map(|place| {
+            let place = [place.x_m, place.y_m, place.z_m];
+            let is_there = |point: &&Point| [point.x_m, point.y_m, point.z_m] == place;
+            let same = points.iter().step_by(sample).filter(is_there).count();
+            same as u64 * u64::from(place != [0.0; 3])
+        });
+        self.repeats += repeats.max().unwrap_or(0).saturating_sub(1);
+        let [half, nearest] = [0.5, NEAREST_SHARE].map(|share| self.range(share));
+        let is_beyond = |least: &&f32| half > **least && nearest > UNITS_NEAREST;
         self.unit = Unit(UNITS_FROM.iter().filter(is_beyond).count());
     }
 
@@ -111,7 +130,9 @@ impl Content {
         estimate.not_finite_share = share(self.not_finite, self.points);
         estimate.zero_share = share(self.zeros, self.sampled);
         estimate.duplicate_share = share(self.duplicates, self.hashed);
+        estimate.repeat_share = share(self.repeats, self.sampled);
         estimate.unit = self.unit;
+        estimate.range_nearest_m = self.range(NEAREST_SHARE) * self.unit.in_m();
         estimate.range_median_m = self.range(0.5) * self.unit.in_m();
         estimate.range_longest_m = self.range(0.999) * self.unit.in_m();
         // A few wrong returns do not show another scale.

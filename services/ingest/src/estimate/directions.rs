@@ -19,7 +19,6 @@ const TOP_STEP_DEG: f32 = 5.0;
 const TOPS: usize = 36;
 /// A direction's farthest return counts as the end of the range if it is at least this share of the usual end.
 const END_SHARE: f32 = 0.85;
-
 /// A sector before its first return.
 const NOTHING: (u16, u16, f32) = (0, 0, -90.0);
 

@@ -13,7 +13,6 @@ const Z_M: std::ops::Range<f32> = -9.0..9.0;
 const Z_STEP_M: f32 = 0.15;
 /// Largest distances from the last plane, m: the next plane is fitted to the tiles within them.
 const BANDS_M: [f64; 4] = [0.35, 0.25, 0.2, 0.15];
-
 /// A floor below a roof is the ground if it has the first share of the tiles below the sensor, and the second number of tiles per tile of the roof.
 /// Below a roof higher than the third, m, which is too high to be the ground of an upside-down scan, the last replaces the second. Guesses.
 const FLOOR_SHARE: f32 = 0.4;

@@ -88,6 +88,8 @@ pub struct SensorEstimate {
     pub zero_share: f32,
     /// Share of points that are copies of other points.
     pub duplicate_share: f32,
+    /// Share of points at the commonest place other than the origin.
+    pub repeat_share: f32,
     /// Unit of the coordinates.
     pub unit: Unit,
     /// The axis that points up.
@@ -104,6 +106,8 @@ pub struct SensorEstimate {
     pub vertical_field_deg: [f32; 2],
     /// Middle and width of the horizontal field, degrees, counter-clockwise from ahead.
     pub field_deg: [f32; 2],
+    /// Range below which 10 % of the returns lie, m.
+    pub range_nearest_m: f32,
     /// Range below which half of the returns lie, m.
     pub range_median_m: f32,
     /// Range below which 99.9 % of the returns lie, m.

@@ -3,15 +3,14 @@
 use mluc_model::SensorProfile;
 
 use super::SensorEstimate;
+use crate::guard::BEAMS_FACTOR;
 
 /// Used where scans do not show them: shortest range, noise of a range, angle between columns. Guesses.
 const RANGE_SHORTEST_M: f32 = 0.5;
 const RANGE_NOISE_M: f32 = 0.02;
 const AZIMUTH_STEP_DEG: f32 = 0.2;
-
 /// The sensor can be a product if its beams are this near to the product's, degrees; a guess.
 const PRODUCT_DEG: f32 = 0.1;
-
 /// Products are alike if their distances differ by less than this.
 const ALIKE_DEG: f32 = 0.005;
 
@@ -48,11 +47,18 @@ impl SensorEstimate {
         Some((there + back) / 2.0)
     }
 
-    /// The products whose beams lie nearest; more than one where products are alike.
+    /// The products with about as many beams whose beams lie nearest; more than one where products are alike.
     pub fn nearest(&self) -> Option<Nearest> {
         let mut best: Option<Nearest> = None;
         let measured = SensorProfile::names().filter_map(|name| {
             let profile = SensorProfile::load(name).ok()?;
+            // Its upper beams may see only the sky.
+            let top_deg = self.vertical_field_deg[0] + 0.5;
+            let beams = profile.elevations_deg.iter().filter(|deg| **deg < top_deg);
+            let ratio = self.beams as f32 / beams.count() as f32;
+            if !(1.0 / BEAMS_FACTOR..=BEAMS_FACTOR).contains(&ratio) {
+                return None;
+            }
             Some(Nearest {
                 names: vec![name],
                 distance_deg: self.distance_deg(&profile)?,
@@ -89,15 +95,17 @@ impl SensorEstimate {
         } else {
             (0..beams).map(even).collect()
         };
+        // Scans do not show everything, or not in every place: the rest comes from a product with the same beams.
+        let product = self.product().map(|near| near.profile);
+        let longest_m = self.range_longest_m.clamp(5.0, 500.0);
+        let has_more = product.as_ref().is_some_and(|p| p.range_m[1] > longest_m);
         let unseen = [
             (true, "range_m (shortest)"),
+            (has_more, "range_m (longest)"),
             (range_noise_m.is_none(), "range_noise_m"),
             (self.azimuth_step_deg.is_none(), "azimuth_step_deg"),
         ];
         let unseen: Vec<&str> = unseen.iter().filter(|u| u.0).map(|u| u.1).collect();
-        // Scans do not show everything, or not in every place: the rest comes from a product with the same beams.
-        let product = self.product().map(|near| near.profile);
-        let longest_m = self.range_longest_m.clamp(5.0, 500.0);
         let noise_m = range_noise_m.or(product.as_ref().map(|p| p.range_noise_m));
         SensorProfile {
             name: name.to_string(),
@@ -115,7 +123,9 @@ impl SensorEstimate {
                 [p.range_m[0], p.range_m[1].max(longest_m)]
             }),
             range_noise_m: noise_m.unwrap_or(RANGE_NOISE_M).min(0.5),
-            height_m: self.height_m,
+            height_m: self
+                .height_m
+                .filter(|height_m| (0.05..=10.0).contains(height_m)),
             pitch_deg: self.pitch_deg.clamp(-30.0, 30.0),
             roll_deg: self.roll_deg.clamp(-30.0, 30.0),
             ..SensorProfile::default()

@@ -5,8 +5,7 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::process::ExitCode;
-use std::time::{Duration, Instant};
+use std::{process::ExitCode, time::Duration, time::Instant};
 
 use anyhow::Context;
 use mluc_ipc_types::StatusState;

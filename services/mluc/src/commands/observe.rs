@@ -7,8 +7,7 @@ use mluc_ipc_types::{Health, Stage, Status, StatusState};
 use mluc_runtime::{HealthWatch, Instance, Shell, Shutdown, StatusWatch};
 use serde_json::{Value, json};
 
-use crate::UsageError;
-use crate::control::{Control, ControlWatch};
+use crate::{UsageError, control::Control, control::ControlWatch};
 
 /// Observes an instance. It takes no frame, and no other process waits for it.
 pub(super) struct Observer {

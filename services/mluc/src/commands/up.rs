@@ -40,7 +40,7 @@ pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     }
     let dropped = dropped?;
     if dropped > 0 {
-        let why = "the reader of stdout was too slow";
+        let why = "the reader of stdout was too slow, or its disk is full";
         print_err(format_args!("{dropped} lines dropped: {why}"));
     }
     Ok(lines.summary.exit_code(&outcome))
@@ -92,8 +92,8 @@ impl Summary {
         }
         let why = if self.frames > 0 && self.usable == 0 {
             "5 % of the points of each or fewer, or fewer than 50, are finite and in the model's range; are the files scans?"
-        } else if self.frames + outcome.frames_in == 0 && !outcome.is_interrupted {
-            "the input gave no scan"
+        } else if self.frames == 0 && !outcome.is_interrupted {
+            ["the input gave no scan", "none came out"][usize::from(outcome.frames_in > 0)]
         } else {
             return outcome.exit_code();
         };

@@ -44,6 +44,11 @@ impl Algorithm for HeadStage {
         if let Some((gate, _)) = thresholds {
             head.set_gate(gate);
         }
+        // A played recording lacks this frame's features.
+        if elements.is_empty() && Flags(header.flags).contains(Flags::DEGRADED) {
+            self.detections.clear();
+            return Ok(0);
+        }
         let features = FeatureRows::checked(header, elements, *cells, *channels, *ground_nodes)?;
         let FeatureRows { cells, rows, .. } = features;
         let counts = head.run(cells, rows, &mut self.detections);

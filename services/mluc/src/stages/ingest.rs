@@ -9,8 +9,7 @@ use mluc_model::Model;
 use mluc_runtime::{Shell, monotonic_ns};
 
 use super::begin_or_join_run;
-use crate::UsageError;
-use crate::settings::{Pace, Settings};
+use crate::{UsageError, settings::Pace, settings::Settings};
 use mluc_sources::Open;
 use sender::Sender;
 

@@ -17,8 +17,7 @@ use mluc_runtime::{Shell, Shutdown, log_to_stderr, random_run_id, wall_clock_ns}
 use mluc_sources::{Open, Source};
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 
-use crate::placement::{lock_memory, pin};
-use crate::{UsageError, model};
+use crate::{UsageError, model, placement::lock_memory, placement::pin};
 use crate::{cli::StageArgs, external::external, resolve::Resolved, settings::Settings};
 
 /// Runs a stage's process until it is asked to end. `open`: opens the input, for a program that knows more inputs than `mluc`.

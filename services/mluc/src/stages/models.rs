@@ -1,8 +1,7 @@
 //! What a stage makes from the model. While the run changes its model, a thread makes the next one and frames go on. The next one
 //! takes over with the first frame that has its fingerprint.
 
-use std::thread::{self, JoinHandle};
-use std::{process::Command, sync::Arc};
+use std::{process::Command, sync::Arc, thread, thread::JoinHandle};
 
 use anyhow::ensure;
 use mluc_ipc_types::{ContractError, FrameHeader};
@@ -10,8 +9,7 @@ use mluc_model::Model;
 use mluc_runtime::Shell;
 use rustix::{process::nice, thread::gettid};
 
-use crate::control::{ControlWatch, Thresholds};
-use crate::model::PinnedModel;
+use crate::{control::ControlWatch, control::Thresholds, model::PinnedModel};
 
 type Make<T> = dyn Fn(&Model) -> anyhow::Result<T> + Send + Sync;
 

@@ -7,8 +7,7 @@ use mluc_model::Model;
 use mluc_runtime::{Algorithm, Shell, StageError, run_stage};
 use mluc_sources::{Recorded, place};
 
-use super::backbone::{BackboneStage, blocks_max};
-use super::head::HeadStage;
+use super::{backbone::BackboneStage, backbone::blocks_max, head::HeadStage};
 use crate::settings::Settings;
 
 /// Stands in for the stage `A`.

@@ -13,8 +13,8 @@ use super::models::Models;
 use crate::settings::{Pace, Settings};
 
 struct RefinerStage {
-    /// Each refiner with run and sequence of the scan that it has read ahead.
-    models: Models<(Refiner, Option<(u64, u64)>)>,
+    /// Each refiner with run, sequence and number of points of the scan that it has read ahead.
+    models: Models<(Refiner, Option<[u64; 3]>)>,
     tracker: Option<(Tracker, EgoEstimator)>,
     refined: RefinerOutput,
     object_points: Output<u32>,
@@ -66,7 +66,7 @@ impl Algorithm for RefinerStage {
         let start_ns = monotonic_ns();
         let has_time = |max_ns| monotonic_ns() - start_ns <= max_ns;
         let mut is_over = || are_gone || !self.time_max_ns.is_none_or(has_time);
-        let frame = (header.run_id, header.sequence);
+        let frame = [header.run_id, header.sequence, points.len() as u64];
         if read.take() != Some(frame) || are_gone {
             refiner.read_scan(points);
         }
@@ -94,7 +94,7 @@ impl Algorithm for RefinerStage {
     fn read_ahead(&mut self, header: &FrameHeader, points: &[Point]) {
         let (refiner, read) = &mut self.models.made;
         refiner.read_scan(points);
-        *read = Some((header.run_id, header.sequence));
+        *read = Some([header.run_id, header.sequence, points.len() as u64]);
     }
 
     /// The indices go first: a consumer that has the objects can then find their points.

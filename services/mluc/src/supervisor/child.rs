@@ -1,9 +1,8 @@
 //! One stage's process: start, watch, restart. A process that is silent for too long is killed.
 
-use std::collections::VecDeque;
-use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child as Process, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
+use std::{collections::VecDeque, os::unix::process::CommandExt, os::unix::process::ExitStatusExt};
 
 use anyhow::{Context, Result, bail};
 use mluc_ipc_types::Stage;

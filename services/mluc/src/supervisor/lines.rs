@@ -1,8 +1,7 @@
 //! Writes JSON lines in a separate thread, so that a reader that is slow, stops or leaves never stops the supervisor.
 
 use std::io::{self, ErrorKind, Write, stdout};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::{thread::JoinHandle, time::Duration, time::Instant};
 
 use anyhow::Context;
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};

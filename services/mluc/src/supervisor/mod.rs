@@ -19,8 +19,7 @@ use mluc_ipc_types::{
 use mluc_model::Model;
 use mluc_runtime::{HealthWatch, Input, Instance, Message, Scans, Shell, Shutdown, monotonic_ns};
 
-use crate::settings::{Pace, Settings};
-use crate::{EXIT_WARNINGS, UsageError, document, model};
+use crate::{EXIT_WARNINGS, UsageError, document, model, settings::Pace, settings::Settings};
 use crate::{cli::PipelineArgs, control::Control, model::PinnedModel, stages::begin_or_join_run};
 use mluc_sources::{Source, idle_options};
 use rustix::process::Signal;

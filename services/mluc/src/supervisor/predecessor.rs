@@ -11,7 +11,6 @@ use rustix::process::{Pid, Signal, geteuid, kill_process};
 const ORPHAN_PATIENCE: Duration = Duration::from_secs(1);
 /// Limit of the cleaning, which takes 20 ms; a generous guess.
 const CLEAN_PATIENCE: Duration = Duration::from_secs(3);
-
 /// Environment variable of the stages of a supervisor, and of all that they start.
 pub(super) const MARK: &str = "MLUC_SUPERVISOR";
 

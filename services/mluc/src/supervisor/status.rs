@@ -9,8 +9,7 @@ use mluc_ipc_types::{
 use mluc_model::SensorProfile;
 use mluc_runtime::{HealthWatch, Message, Output, RuntimeError, Shell, monotonic_ns};
 
-use super::Outcome;
-use super::budget::{Budgets, LASTING_NS};
+use super::{Outcome, budget::Budgets, budget::LASTING_NS};
 use crate::settings::Settings;
 
 /// Time between two messages while nothing changes, ns.

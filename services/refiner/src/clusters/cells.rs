@@ -7,8 +7,7 @@
 use std::ops::Range;
 
 use super::places::{Places, SIDE};
-use crate::fit::{higher, lower};
-use crate::frame::IndexedPoint;
+use crate::{fit::higher, fit::lower, frame::IndexedPoint};
 use mluc_geometry::ground::tiles::{self, HALF_EXTENT_M};
 use smart_default::SmartDefault;
 
@@ -20,7 +19,6 @@ const _: () = assert!(SIDE == tiles::SIDE * PER_TILE as usize);
 const EMPTY: u32 = u32::MAX;
 /// Maximum reach in cells: enough for join distances up to 3.5 m; a longer reach is cut.
 const REACH_MAX: u32 = 15;
-
 /// More than the rounding error of a distance, m.
 const ROUNDING_M: f32 = 0.001;
 

@@ -12,7 +12,6 @@ use crate::{Settings, fit::ClusterPoints, priors};
 
 /// Maximum extent of an upright part along x or y, m: an upright part is at most 4.5 m high, and shorter than high.
 const UPRIGHT_LENGTH_MAX_M: f32 = 3.5;
-
 /// Factor on the join distance for parts that stand upright by themselves: the full distance would join people side by side.
 const UPRIGHT_SCALE: f64 = 0.5;
 /// A rest counts if it has at least one point for this many points that stand upright.

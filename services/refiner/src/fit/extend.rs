@@ -5,8 +5,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use mluc_geometry::{Box3, limit_period};
 
 use super::{ClusterPoints, Rectangle};
-use crate::priors::{self, EndFace};
-use crate::{Sensor, Settings, Variant};
+use crate::{Sensor, Settings, Variant, priors, priors::EndFace};
 use mluc_geometry::ground::ground_height_m;
 
 /// Minimum size, m: sizes of published boxes are above 0.

@@ -33,6 +33,15 @@ impl Footprint {
     pub fn around(points: &ClusterPoints, rectangle: &Rectangle) -> Footprint {
         let [u, v] = rectangle.size_m();
         let around_m = if u.min(v) < THIN_M { AROUND_M } else { 0.0 };
+        let found = Footprint::at_distance(points, rectangle, around_m);
+        if found.count >= 3 {
+            return found;
+        }
+        // A line at the angle of a cut leaves no polygon.
+        Footprint::at_distance(points, rectangle, AROUND_M)
+    }
+
+    fn at_distance(points: &ClusterPoints, rectangle: &Rectangle, around_m: f64) -> Footprint {
         let mut polygon = Polygon::<CORNERS_MAX>::new(rectangle.grown(around_m).corners_m());
         let mut cut = |normal, limit_m| {
             let kept = polygon.cut(normal, limit_m);
@@ -130,10 +139,11 @@ mod tests {
     #[test]
     fn a_triangle_keeps_its_slanted_side_and_lines_and_spots_have_an_area() {
         type Case = (&'static [[f32; 2]], f64, std::ops::Range<f64>);
-        let cases: [Case; 3] = [
+        let cases: [Case; 4] = [
             (&[[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]], 0.0, 1.9999..2.0001),
             (&[[1.0, 1.0]], 0.2, 3e-4..4e-4),
             (&[[1.0, 1.0], [2.0, 1.0]], 0.0, 0.02..0.021),
+            (&[[0.0, 0.2341], [0.23428, 0.0]], 0.0, 6.6e-3..7.1e-3),
         ];
         for (places, yaw_rad, expected) in cases {
             let mut points = ClusterPoints::default();

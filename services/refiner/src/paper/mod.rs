@@ -10,10 +10,9 @@ pub use neighbourhood::Neighbourhood;
 
 use mluc_ipc_types::{Disposition, Object};
 
-use crate::clusterer::{Clusterer, FrameTask};
 use crate::fit::{Fitter, Footprint};
 use crate::{FrameIndex, clusters::Measures, frame::IndexedPoint, proposal::Proposal};
-use crate::{Sensor, Settings, Variant};
+use crate::{Sensor, Settings, Variant, clusterer::Clusterer, clusterer::FrameTask};
 use grow::{Depth, Grower, Growth, Printed};
 use mluc_geometry::ground::GroundGrid;
 use seed::Seek;

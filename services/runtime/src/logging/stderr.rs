@@ -1,8 +1,6 @@
 //! Stderr with a bounded wait: output that its reader does not take in time is lost and counted.
 
-use std::io::{self, Write};
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::{io, io::Write, sync::atomic::AtomicU64, sync::atomic::Ordering, time::Duration};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use tracing::Level;

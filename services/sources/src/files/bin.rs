@@ -4,7 +4,7 @@ use super::Layout;
 use super::table::{Field, Kind, Table};
 use crate::{SourceError, refused};
 
-/// Refuses files that have three, five or six numbers per point instead of four, and numbers that are no coordinates. `sizes`: sizes of some files,
+/// Refuses files that have three or five to eight numbers per point instead of four, and numbers that are no coordinates. `sizes`: sizes of some files,
 /// bytes; `start`: start of the first file. A file of another size than most is cut short.
 pub(crate) fn check_columns(sizes: &[u64], start: &[u8]) -> Result<(), SourceError> {
     let all = |columns: u64| {
@@ -13,10 +13,10 @@ pub(crate) fn check_columns(sizes: &[u64], start: &[u8]) -> Result<(), SourceErr
     };
     let is_other = |columns| match columns {
         _ if !all(4) => true,
-        5 => has_rings(start),
-        _ => has_negative_intensities(start),
+        5 | 7 | 8 => has_rings(start, columns as usize),
+        _ => has_negative_intensities(start, 4),
     };
-    let mut columns = [5, 6, 3].into_iter();
+    let mut columns = [5, 6, 3, 7, 8].into_iter();
     match columns.find(|columns| all(*columns) && is_other(*columns)) {
         Some(columns) => {
             let help = "say which with --columns x,y,z,intensity,..";
@@ -43,12 +43,12 @@ fn has_no_coordinates(start: &[u8]) -> bool {
     10 * odd > 2 * points.len()
 }
 
-/// Whether the last of four numbers is negative in more than one hundredth of the points. It is then a coordinate.
-fn has_negative_intensities(start: &[u8]) -> bool {
+/// Whether the fourth number is negative in more than one hundredth of the points. It is then a coordinate. `columns`: numbers per point.
+pub(crate) fn has_negative_intensities(start: &[u8], columns: usize) -> bool {
     let numbers = numbers(start);
-    let points = numbers.as_chunks::<4>().0;
-    let negative = points.iter().filter(|point| point[3] < 0.0);
-    negative.count() * 100 > points.len()
+    let points = || numbers.chunks_exact(columns);
+    let negative = points().filter(|point| point[3] < 0.0);
+    negative.count() * 100 > points().len()
 }
 
 fn numbers(bytes: &[u8]) -> Vec<f32> {
@@ -56,15 +56,15 @@ fn numbers(bytes: &[u8]) -> Vec<f32> {
     numbers.map(|v| f32::from_le_bytes(*v)).collect()
 }
 
-/// Whether 100 or more points of five numbers each end with a ring. If four columns have whole numbers there (missing returns), the first is whole too.
-fn has_rings(start: &[u8]) -> bool {
+/// Whether the fifth number of 100 or more points is a ring. `columns`: numbers per point. If four columns have whole numbers there (missing returns), the first is whole too.
+fn has_rings(start: &[u8], columns: usize) -> bool {
     let numbers = numbers(start);
-    let points = numbers.as_chunks::<5>().0;
+    let points = || numbers.chunks_exact(columns);
     let is_ring = |v: f32| v.fract() == 0.0 && (0.0..=255.0).contains(&v);
-    points.len() >= 100
-        && points.iter().all(|point| is_ring(point[4]))
-        && points.iter().any(|point| point[4] != points[0][4])
-        && !points.iter().all(|point| is_ring(point[0]))
+    points().len() >= 100
+        && points().all(|point| is_ring(point[4]))
+        && points().any(|point| point[4] != numbers[4])
+        && !points().all(|point| is_ring(point[0]))
 }
 
 /// `columns`: number of columns in a file if the layout names none.

@@ -46,7 +46,7 @@ impl Cloud {
     }
 
     /// Appends a message's points to the scan, as [`Layout::write`] does. Returns the sensor's time (ns since 1970; 0: unknown), whether the message
-    /// has fewer points than it announces, and the coordinate frame of the points.
+    /// has fewer or more points than it announces, and the coordinate frame of the points.
     pub(crate) fn convert(
         self,
         layout: &Layout,
@@ -64,11 +64,22 @@ impl Cloud {
             cloud.ok_or_else(|| SourceError::field("message", "PointCloud2", "its end"))?
         };
         let (stamp_ns, frame) = (cloud.stamp_ns, std::mem::take(&mut cloud.frame));
-        Ok((stamp_ns, layout.write(&cloud.table()?, scan)?, frame))
+        let rest = cloud.data.get(cloud.step().saturating_mul(cloud.height)..);
+        let is_long = rest.is_some_and(|rest| {
+            rest.len() >= cloud.point_step && rest.iter().any(|byte| *byte != 0)
+        });
+        let is_short = layout.write(&cloud.table()?, scan)?;
+        Ok((stamp_ns, is_short || is_long, frame))
     }
 }
 
 impl PointCloud2<'_> {
+    /// Bytes of a row. Some drivers leave row_step at 0.
+    fn step(&self) -> usize {
+        let row = self.width.saturating_mul(self.point_step);
+        self.row_step.max(row).max(1)
+    }
+
     fn table(self) -> Result<Table, SourceError> {
         let row = self.width.saturating_mul(self.point_step);
         let mut table = Table {
@@ -76,9 +87,8 @@ impl PointCloud2<'_> {
             rows: self.width.saturating_mul(self.height),
             ..Table::default()
         };
-        // Bytes after the points of a row are skipped. Some drivers leave row_step at 0.
-        let step = self.row_step.max(row).max(1);
-        for all in self.data.chunks(step).take(self.height) {
+        // Bytes after the points of a row are skipped.
+        for all in self.data.chunks(self.step()).take(self.height) {
             table.data.extend_from_slice(&all[..row.min(all.len())]);
         }
         let stride = self.point_step;

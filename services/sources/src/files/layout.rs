@@ -127,6 +127,15 @@ impl Layout {
         has_all.then_some(axes).ok_or_else(fault)
     }
 
+    /// Whether the axes mirror the scan: what is on the left comes out on the right.
+    pub(crate) fn mirrors(&self) -> bool {
+        self.signed_axes().is_ok_and(|axes @ [first, second, _]| {
+            let is_turn = (first.0 + 1) % 3 == second.0;
+            let sign: f64 = axes.iter().map(|(_, sign)| sign).product();
+            is_turn != (sign > 0.0)
+        })
+    }
+
     /// Converts the input's x, y, z to sensor coordinates, m, and its intensity to 0 to 1. Axes that fail the [check](Self::check) stay x, y, z.
     pub(crate) fn placing(&self) -> impl Fn([f64; 4]) -> [f32; 4] {
         let axes = self.signed_axes().unwrap_or([(0, 1.0), (1, 1.0), (2, 1.0)]);

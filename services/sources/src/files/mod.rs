@@ -15,9 +15,10 @@ use std::path::Path;
 
 use mluc_ipc_types::POINTS_MAX;
 
-pub(crate) use bin::check_columns;
+pub(crate) use bin::{check_columns, has_negative_intensities};
 pub(crate) use cloud::{CLOUDS, Cloud, Reader};
 pub use layout::Layout;
+use table::Column;
 
 use crate::{Scan, SourceError};
 
@@ -58,7 +59,7 @@ impl Format {
     }
 
     /// Converts a file to KITTI's layout: x, y, z (m), intensity, four little-endian f32 per point; also to times if `layout` requests them. Axes are the
-    /// file's unless `layout` changes them. True: the file has fewer points than it announces. Errors: unexpected content in the file or in `layout`.
+    /// file's unless `layout` changes them. True: the file has fewer or more points than it announces. Errors: unexpected content in the file or in `layout`.
     pub fn convert(
         self,
         layout: &Layout,
@@ -85,6 +86,18 @@ impl Format {
             _ => {}
         }
         scan.bytes = Vec::with_capacity(table.rows.min(POINTS_MAX) * 16);
-        layout.write(&table, scan)
+        let is_short = layout.write(&table, scan)?;
+        // In files of the other formats something else may follow the points. Older PCL writes zeros after them.
+        let end = |last: &Column| {
+            last.start
+                .saturating_add(last.stride.saturating_mul(table.rows))
+        };
+        let rest = table
+            .columns
+            .last()
+            .and_then(|last| table.data.get(end(last)..));
+        let is_long =
+            self == Format::Pcd && rest.is_some_and(|rest| rest.iter().any(|byte| *byte != 0));
+        Ok(is_short || is_long)
     }
 }

@@ -142,6 +142,11 @@ fn a_cut_file_gives_its_whole_points_and_says_so() {
         let (out, is_cut) = converted(format, &quarter(), cut(file)).unwrap();
         assert_eq!((out.len(), is_cut), (32, true), "{format:?}");
     }
+    for (rest, is_long) in [([0; 40], false), ([1; 40], true)] {
+        let file = pcd("binary", &[&rows(false)[..], &rest].concat());
+        let (out, is_cut) = converted(Pcd, &quarter(), file).unwrap();
+        assert_eq!((out, is_cut), (bytes(&POINTS), is_long));
+    }
     let endless = npy("'<f4'", "(18446744073709551615, 3)", true, &[0; 24]);
     assert_eq!(converted(Npy, &quarter(), endless).unwrap(), (vec![], true));
 }
@@ -168,6 +173,17 @@ fn files_that_do_not_fit_are_named() {
     let three = bytes(&[[8.0, -1.5, -0.5], [9.0, 1.0, -0.5]].repeat(200));
     let are_fine = [three, bytes(&none)].map(|start| check_columns(&[4800], &start).is_ok());
     assert_eq!(are_fine, [false, true]);
+    // And those of seven and eight numbers, the fifth a ring.
+    let seven = (0..400u16).map(|i| [1.5, -2.0, -1.5, 9.0, f32::from(i % 32), 0.1, -0.5]);
+    let eight = seven
+        .clone()
+        .map(|v| [v[0], v[1], v[2], v[3], v[4], v[5], 0.5, 0.25]);
+    let starts = [
+        bytes(&seven.collect::<Vec<_>>()),
+        bytes(&eight.collect::<Vec<_>>()),
+    ];
+    let are_fine = starts.map(|start| check_columns(&[start.len() as u64], &start).is_ok());
+    assert_eq!(are_fine, [false, false]);
     let changed = |from: &str, to: &str| {
         let text = String::from_utf8(pcd("ascii", b"")).unwrap();
         (Pcd, text.replace(from, to).into_bytes())
@@ -190,6 +206,19 @@ fn files_that_do_not_fit_are_named() {
         let error = converted(format, &Layout::default(), file);
         let error = error.unwrap_err().to_string();
         assert!(error.contains(words), "{words}: {error}");
+    }
+}
+
+#[test]
+fn axes_that_mirror_are_found() {
+    for (axes, mirrors) in [
+        ("x,y,z y,-x,z x,-y,-z", false),
+        ("x,y,-z y,x,z -x,y,z", true),
+    ] {
+        for axes in axes.split(' ').map(String::from) {
+            let layout = Layout { axes, ..quarter() };
+            assert_eq!(layout.mirrors(), mirrors, "{}", layout.axes);
+        }
     }
 }
 

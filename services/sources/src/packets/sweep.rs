@@ -10,7 +10,6 @@ const TURN_MIN_NS: u64 = 25_000_000;
 const TURN_MAX_NS: u64 = 500_000_000;
 /// About ten seconds of packets, more than any queue loses. If more are missing, the sensor was restarted or silent.
 const LOST_MAX: u64 = 20_000;
-
 /// Farther back than any late packet. A larger step back begins the next turn, where a sensor leaves a sector out.
 const BACK_CDEG: u16 = 500;
 

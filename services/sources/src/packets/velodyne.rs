@@ -9,8 +9,7 @@ use std::sync::LazyLock;
 use mluc_model::SensorProfile;
 use serde::Deserialize;
 
-use super::{Calibration, Damaged, Revolution, u16_at, u32_at};
-use super::{calibration::Laser, sweep::Sweep};
+use super::{Calibration, Damaged, Revolution, calibration::Laser, sweep::Sweep, u16_at, u32_at};
 use crate::{SourceError, refused};
 
 const BYTES: usize = 1206;
@@ -261,7 +260,7 @@ impl Velodyne {
 
     /// Adds the hour to a time within the hour: the hour that continues from the last packet, else the hour nearest to the arrival.
     fn in_hour(&mut self, in_hour_ns: u64, received_ns: u64) -> u64 {
-        let is_near = |last: &u64| last.abs_diff(received_ns) < HOUR_NS;
+        let is_near = |last: &u64| last.abs_diff(received_ns) < HOUR_NS / 4 * 3;
         let near_ns = self.last_stamp_ns.filter(is_near).unwrap_or(received_ns);
         let hour_ns = near_ns - near_ns % HOUR_NS;
         let stamp_ns = match hour_ns + in_hour_ns {

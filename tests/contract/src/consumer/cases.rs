@@ -9,8 +9,7 @@ use mluc_runtime::ClaimNote;
 use rustix::process::Signal;
 use serde_json::Value;
 
-use super::player::{Frame, Player};
-use super::{Session, Suite};
+use super::{Session, Suite, player::Frame, player::Player};
 use crate::suite::{Case, Outcome, fill, wrong_instance};
 
 const FRAMES: usize = 5;

@@ -9,8 +9,7 @@ use anyhow::{Context, ensure};
 use mluc_runtime::Instance;
 use serde_json::Value;
 
-use crate::program::Options;
-use crate::suite::{self, Case, Suite};
+use crate::{program::Options, suite, suite::Case, suite::Suite};
 use player::Frame;
 pub(crate) use player::Player;
 

@@ -7,8 +7,7 @@ use mluc_ipc_types::{
 };
 use mluc_runtime::{Instance, Output, Shell, monotonic_ns};
 
-use crate::program::Options;
-use crate::suite::{begin_run, stamp};
+use crate::{program::Options, suite::begin_run, suite::stamp};
 
 /// Room for messages that break the contract because they are longer than its bounds.
 const TOO_MANY_OBJECTS: usize = OBJECTS_MAX + 88;

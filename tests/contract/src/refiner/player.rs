@@ -7,8 +7,7 @@ use mluc_ipc_types::{
 };
 use mluc_runtime::{HealthWatch, Input, Instance, Output, Shell};
 
-use crate::suite::{begin_run, stamp};
-use crate::{program::Options, refiner::scene::usual};
+use crate::{program::Options, refiner::scene::usual, suite::begin_run, suite::stamp};
 
 /// Room for messages that break the contract because they are longer than its bounds.
 const TOO_MANY_DETECTIONS: usize = DETECTIONS_MAX + 88;

@@ -8,8 +8,7 @@ use mluc_runtime::{Instance, monotonic_ns};
 
 use crate::refiner::answer::{check_form, check_objects};
 use crate::refiner::player::{Answer, Frame, Player};
-use crate::suite::{self, Case, Suite};
-use crate::{program::Options, refiner::cases};
+use crate::{program::Options, refiner::cases, suite, suite::Case, suite::Suite};
 
 /// Interval at which a wait checks its condition.
 const LOOK: Duration = Duration::from_millis(20);

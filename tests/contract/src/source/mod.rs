@@ -7,8 +7,7 @@ use anyhow::{Context, Result, ensure};
 use mluc_ipc_types::{Health, HealthState, Stage};
 use mluc_runtime::Instance;
 
-use crate::program::Options;
-use crate::suite::{self, Case, Suite};
+use crate::{program::Options, suite, suite::Case, suite::Suite};
 pub(crate) use player::Player;
 use player::Scan;
 

@@ -87,7 +87,8 @@ impl Request {
             batch: BATCH,
             learning_rate: LEARNING_RATE,
             commit: commit(),
-            checkpoint_every: 50,
+            // Half a minute to two minutes of work.
+            checkpoint_every: 10,
             // Its model is evaluated here, once.
             validate_frames: 0,
             ..TrainSettings::of(&options, data, run)

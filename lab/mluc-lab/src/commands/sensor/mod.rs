@@ -16,7 +16,7 @@ use serde_json::json;
 
 use super::terminal::{print_err, print_out, write_out};
 
-/// Estimate a sensor's profile from its scans: beams, columns, field, range, noise, height, tilt, own body, beside the nearest product.
+/// Estimate a sensor's profile from its scans: beams, columns, field, range, noise, height, tilt, own body; compared with the nearest product.
 ///
 /// The profile is what `--sensor` takes. What the scans do not show is that of a product with the same beams, else a guess; `source` in the file names it.
 /// --sensor without --input shows that sensor: its beams, and how many of them hit a car.
@@ -139,7 +139,7 @@ fn other_sensor(given: Option<&str>, found: &SensorEstimate) -> Result<(String, 
     if let Some(name) = given {
         return Ok((name.to_string(), SensorProfile::load(name)?));
     }
-    Ok(match found.nearest() {
+    Ok(match found.nearest().filter(|_| found.are_beams_clear) {
         Some(near) => (near.names.join(" or "), near.profile),
         None => ("even beams".into(), found.profile("even beams", None)),
     })

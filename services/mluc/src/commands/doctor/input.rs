@@ -1,7 +1,6 @@
 //! `mluc doctor --input`: which sensor the scans are from, and whether the model takes them.
 
-use std::path::Path;
-use std::time::{Duration, Instant};
+use std::{path::Path, time::Duration, time::Instant};
 
 use mluc_ingest::estimate::{Estimator, SensorEstimate};
 use mluc_ingest::{Expected, decode_bin, inspect_bin};
@@ -12,7 +11,6 @@ use mluc_sources::{Next, Open, Scan, files::Layout, idle_options};
 
 /// Number of scans that are examined, spread over the input.
 const SCANS: u64 = 20;
-
 /// How long to wait for a live sensor.
 const PATIENCE: Duration = Duration::from_secs(5);
 

@@ -1,7 +1,6 @@
 //! Reads a scan and publishes it, and checks whether the later stages take frames: a frame that is sent before is lost.
 
-use std::panic::resume_unwind;
-use std::time::{Duration, Instant};
+use std::{panic::resume_unwind, time::Duration, time::Instant};
 
 use anyhow::{Context, Result, ensure};
 use crossbeam_channel::{RecvTimeoutError, bounded};
@@ -306,7 +305,6 @@ impl Suspicion {
 
 /// The stages that a frame still has to pass.
 const BEHIND: [Stage; 3] = [Stage::Backbone, Stage::Head, Stage::Refiner];
-
 /// A stage of ours sends a heartbeat within this time after it opens its topics.
 const HEARTBEAT_PATIENCE_NS: u64 = 500_000_000;
 

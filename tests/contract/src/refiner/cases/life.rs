@@ -16,7 +16,6 @@ const HEARTBEAT_MAX: Duration = Duration::from_millis(500);
 /// Longer than every topic's deadline.
 const SILENCE: Duration = Duration::from_millis(2500);
 const KILLS: usize = 3;
-
 /// Frames that come while the program is held.
 const HELD: usize = 10;
 /// Frames sent as fast as the suite can.
