@@ -1,7 +1,8 @@
 //! The supervisor, with any behaviour of the reader of its lines, any way to end it, and any way in which it ended before.
 
 use std::io::{PipeReader, PipeWriter, Write};
-use std::{fs::File, os::unix::net::UnixDatagram, process::Stdio, time::Duration, time::Instant};
+use std::process::{Command, Stdio};
+use std::{fs::File, os::unix::net::UnixDatagram, time::Duration, time::Instant};
 
 use mluc_ipc_types::Stage;
 use mluc_tests::{Running, Setting, assert_has, is_alive, leftovers, send_signal, wait_for};
@@ -105,6 +106,17 @@ fn lines_that_cannot_be_written_end_the_run_with_an_error() {
         finished.assert_ended(1, 0);
         finished.assert_says(&["standard output", words]);
     }
+}
+
+#[test]
+fn signals_that_the_parent_ignores_change_nothing() {
+    let setting = Setting::new("ignored", 2);
+    let mluc = setting.up_command("");
+    let mut command = Command::new("sh");
+    command.args(["-c", "trap '' CHLD HUP; exec \"$0\" \"$@\""]);
+    command.arg(mluc.get_program()).args(mluc.get_args());
+    let run = setting.finish(Running::start(&mut command));
+    run.assert_complete(0, 2);
 }
 
 #[test]

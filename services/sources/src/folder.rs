@@ -375,10 +375,7 @@ mod tests {
         assert_eq!(find(&root.path().join("e")).unwrap().name(0), "f");
         let four = [1.5f32, -2.5, -1.5, 0.5].map(f32::to_le_bytes).concat();
         fs::write(root.path().join("e/f.PCD.bin"), four.repeat(200)).unwrap();
-        let error = format!(
-            "{:#}",
-            find(&root.path().join("e")).err().expect("no rings")
-        );
+        let error = format!("{:#}", find(&root.path().join("e")).expect_err("no rings"));
         assert!(
             error.contains("negative ones: say which columns"),
             "{error}"

@@ -32,7 +32,7 @@ enum Which {
     Refiner(refiner::RefinerArgs),
     /// Test any program that publishes scans in ingest's place: its input should hold 20 scans or more.
     Source(SuiteArgs),
-    /// Test any program that only reads. It shall write a line of JSON with the key `sequence` to stdout for each frame that it takes.
+    /// Test any program that only reads. It must write a line of JSON with the key `sequence` to stdout for each frame that it takes.
     /// If a line has `objects`, they must be the published ones; if an object has `points`, it must be their number.
     Consumer(SuiteArgs),
 }

@@ -27,9 +27,9 @@ use super::{quantize::RANGE_FRAMES, quantize::quantized, simulate::export_with_p
 const ANY_OPEN: &[u8] = include_bytes!("../../../../weights/any-open.safetensors");
 
 /// Adapt the weights to one sensor and the classes that you know, in a given time: simulates scans of this very sensor, trains on from
-/// the shipped weights, measures int8's ranges, chooses the scores of the profiles, and judges before and after.
+/// the shipped weights, measures int8's ranges, chooses the scores of the profiles, and evaluates the model before and after.
 ///
-/// DIR gets model.safetensors and report.md. What it costs is measured first and told. A command that was interrupted goes on when it is
+/// DIR gets model.safetensors and report.md. What it costs is measured first and told. A command that was interrupted continues when it is
 /// started again. The validation scans are simulated: real scans decide (evaluate ap).
 #[derive(Args)]
 pub(crate) struct AdaptArguments {

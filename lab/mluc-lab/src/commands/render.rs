@@ -26,10 +26,10 @@ pub(crate) struct RenderArguments {
     /// What was found: the lines of `mluc up`, by the scans' names.
     #[arg(long, value_name = "FILE.jsonl")]
     detections: Option<PathBuf>,
-    /// Labels in KITTI's format, a file or a folder of NAME.txt [default: label_2 beside the scan's folder, where it exists].
+    /// Labels in KITTI's format, a file or a folder of NAME.txt [default: label_2 next to the scan's folder, where it exists].
     #[arg(long)]
     labels: Option<PathBuf>,
-    /// Calibrations, a file or a folder of NAME.txt [default: calib beside the scan's folder].
+    /// Calibrations, a file or a folder of NAME.txt [default: calib next to the scan's folder].
     #[arg(long)]
     calib: Option<PathBuf>,
     /// Show only what lies ahead, out to 70 m, instead of the full circle.

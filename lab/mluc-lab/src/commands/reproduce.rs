@@ -5,9 +5,9 @@ use anyhow::Context;
 use clap::Args;
 use mluc_reproduce::{Options, Screen, run};
 
-/// Simulate, train and evaluate what is missing, and write the report: the paper's tables and figures beside ours.
+/// Simulate, train and evaluate what is missing, and write the report: the paper's tables and figures next to ours.
 ///
-/// Every step leaves its outcome in a folder, so a run that was interrupted goes on where it stopped, and networks that lie
+/// Every step leaves its outcome in a folder, so a run that was interrupted continues where it stopped, and networks that lie
 /// in --runs already are taken as they are: RUNS/sim-udi/{metric,sigmoid,softmax,metric-open,mluc-full,supervised,osis}/model.safetensors,
 /// further seeds in metric-s2 and so on. The full plan takes hours on two cores; --quick twelve minutes.
 #[derive(Args)]

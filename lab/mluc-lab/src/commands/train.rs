@@ -9,7 +9,7 @@ use mluc_train::{Run, TrainEvent, TrainSettings, train_osis};
 
 /// Train the network on a simulated or recorded data set and write its model file.
 ///
-/// A run that was interrupted goes on from its last checkpoint when it is started again with the same settings.
+/// A run that was interrupted continues from its last checkpoint when it is started again with the same settings.
 #[derive(Args)]
 pub(crate) struct Train {
     #[command(flatten)]

@@ -82,7 +82,7 @@ impl Content {
             }
         }
         // An odd step meets every second point too.
-        let places = points.iter().step_by(points.len() / PLACES | 1);
+        let places = points.iter().step_by((points.len() / PLACES) | 1);
         let repeats = places.map(|place| {
             let place = [place.x_m, place.y_m, place.z_m];
             let is_there = |point: &&Point| [point.x_m, point.y_m, point.z_m] == place;

@@ -13,7 +13,7 @@ use mluc_refiner::{Settings, Variant};
 use mluc_simulate::shard;
 use std::{collections::BTreeSet, path::PathBuf};
 
-/// Run a model over labelled scans, in one process, and judge what comes out.
+/// Run a model over labelled scans, in one process, and evaluate the result.
 ///
 /// Known classes are the model's, at the paper's overlaps for its setting (udi: car, pedestrian, cyclist 0.5, truck 0.7; kitti: car 0.7, pedestrian and cyclist
 /// 0.5); unknown objects at 0.1. All figures are of volumes (3d) at moderate. Printed: each class without the gate (closed set) and at the model's threshold;
@@ -63,10 +63,10 @@ pub(crate) struct ModelArguments {
     /// Run the network on part I (0 to N-1) of N alone, every Nth frame, for job arrays; needs --write-part.
     #[arg(long, value_name = "I/N", value_parser = shard, requires = "write_part")]
     shard: Option<[u32; 2]>,
-    /// Write what the network finds to a file, and judge nothing.
+    /// Write what the network finds to a file, and evaluate nothing.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["parts", "sweep", "json", "write_threshold", "write_profiles", "write_precisions"])]
     write_part: Option<PathBuf>,
-    /// Files of --write-part, which have all frames together: judge them. The outcome is that of one run, bit for bit.
+    /// Files of --write-part, which have all frames together: evaluate them. The outcome is that of one run, bit for bit.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     parts: Vec<PathBuf>,
     /// Print JSON.
