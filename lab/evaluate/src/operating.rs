@@ -242,7 +242,8 @@ impl Operating {
                 let of = self.reliability(kind, told);
                 json!({"kind": name, "value": value, "tenths": of["tenths"], "calibration_error": of["calibration_error"]})
             };
-            let all = [of("score".into(), &|o| Some(o.score)), of("probability".into(), &|o| o.probability)];
+            let score = of("score".into(), &|o| Some(o.score));
+            let all = [score, of("probability".into(), &|o| o.probability)];
             let bands = BANDS_M.iter().enumerate().map(|(at, from_m)| {
                 let told = |o: &Judged| o.probability.filter(|_| o.band() == Some(at));
                 of(format!("probability, {from_m} m on"), &told)

@@ -73,10 +73,6 @@ pub(crate) fn make_management_segment(instance: &Instance) -> Result<()> {
     const NAME: &str = "9204dd183d1c4d8e1ff592a30766ffa6765aa8b5_node.0_10_0.global_mgmt";
     const VERSION: u64 = 10 << 16;
     let path = PathBuf::from(format!("{SHARED_MEMORY}/{}{NAME}", instance.prefix()));
-    // What is there needs no room on a full /dev/shm.
-    if fs::symlink_metadata(&path).is_ok() {
-        return check_owner(&path);
-    }
     let failed = || RuntimeError::io("making", &path);
     // It appears under its name only when it is complete, and never replaces another one. Two threads may make it at the same time.
     static CALLS: AtomicU32 = AtomicU32::new(0);
