@@ -80,6 +80,19 @@ def is_probability(values):
     return (values == -1) | (values >= 0) & (values <= 1)
 
 
+def are_convex(objects):
+    """Whether outlines are convex and counter-clockwise, as `mluc up` demands: to 1 mm and the rounding of f32 far from the sensor."""
+    count, corners = objects["footprint_count"][:, None], np.arange(FOOTPRINT_MAX)
+    at = objects["footprint_m"].reshape(-1, FOOTPRINT_MAX, 2).astype(float)
+    is_used = corners < count
+    at[~is_used] = 0
+    side = (np.take_along_axis(at, ((corners + 1) % np.maximum(count, 1))[..., None], 1) - at)[:, :, None]
+    way = at[:, None] - at[:, :, None]  # from each corner to each other one
+    slack = 1e-3 + 1e-6 * np.abs(at).max((1, 2), initial=0)[:, None, None]
+    is_left = side[..., 0] * way[..., 1] - side[..., 1] * way[..., 0] >= -slack * (np.abs(side) + np.abs(way)).sum(-1)
+    return (is_left | ~(is_used[:, :, None] & is_used[:, None])).all()
+
+
 def text(words, size):
     """UTF-8 of a text, cut between characters, padded with NUL."""
     return words.encode(errors="replace")[:size].decode(errors="ignore").encode().ljust(size, b"\0")
@@ -339,12 +352,17 @@ class Consumer(Watch):
         sound = all(np.isfinite(objects[name]).all() for name in FINITE)
         sound &= (objects["kind"] < 2).all() and (objects["disposition"] <= LOW_SCORE).all()
         told = objects[objects["disposition"] == PUBLISHED]
-        sound &= (told["size_m"] > 0).all() and (told["footprint_count"] >= 3).all()
+        sound &= (told["size_m"] > 0).all() and (told["footprint_count"] >= 3).all() and are_convex(told)
         sound &= (objects["gate"] < GATES).all() and is_probability(objects["unknown_probability"]).all()
         sound &= (objects["class_id"] < self.run.classes_count).all() and (objects["footprint_count"] <= FOOTPRINT_MAX).all()
         corners = np.where(np.arange(2 * FOOTPRINT_MAX) < 2 * objects["footprint_count"][:, None], objects["footprint_m"], 0)
         sound &= np.isfinite(corners).all()
-        sound &= ((objects["suppressed_by"] == NONE) | (objects["suppressed_by"] < len(objects))).all()
+        sound &= ((objects["overlap"] >= 0) & (objects["overlap"] <= 1)).all()
+        by, names = objects["suppressed_by"], np.arange(len(objects))
+        sound &= ((by == NONE) | (by < len(objects)) & (by != names)).all()
+        for kind, disposition in enumerate((OVERLAPS_KNOWN, OVERLAPS_UNKNOWN)):
+            of = by[objects["disposition"] == disposition]
+            sound &= (of < len(objects)).all() and (objects["kind"][of[of < len(objects)]] == kind).all()
         sound &= (objects["points_first"].astype(np.uint64) + objects["points_count"] <= OBJECT_POINTS_MAX).all()
         if not sound:
             print("message refused: objects that break the contract", file=sys.stderr)
@@ -483,10 +501,12 @@ class Source(Stage):
 
     def publish(self, points, stamp_ns=None, name=""):
         """Publishes a scan: N rows of x, y, z (m; forward, left, up) and intensity (0 to 1). `stamp_ns`: the sensor's time, ns since 1970.
-        Of `name` the last 48 bytes are used. Rows that are not finite or beyond the limit are left out, counted and flagged."""
-        started_ns, points = time.monotonic_ns(), np.asarray(points, np.float32)
+        Of `name` the last 48 bytes are used. Rows whose coordinates are not finite, or beyond the limit, are left out, counted and flagged.
+        An intensity that is not finite becomes 0."""
+        started_ns, points = time.monotonic_ns(), np.array(points, np.float32)
         if points.ndim != 2 or points.shape[1] != 4 or self.sequence is None:
             raise ValueError(f"expected an array of N rows and 4 columns after wait() was true, found {points.shape} and sequence {self.sequence}")
+        points[~np.isfinite(points[:, 3]), 3] = 0
         finite = points[np.isfinite(points).all(1)]
         kept = np.ascontiguousarray(finite[:POINTS_MAX])
         beyond = len(finite) - len(kept)

@@ -4,7 +4,7 @@ use std::{fs::read_to_string, path::Path, process::Command, time::SystemTime, ti
 
 use mluc::placement::usable_cpus;
 use mluc_geometry::{FNV_OFFSET, fnv1a};
-use procfs::{CpuInfo, Current, LoadAverage, Meminfo, process::Process};
+use procfs::{CpuInfo, Current, LoadAverage, Meminfo};
 use serde_json::{Value, json};
 
 /// Instruction sets that the kernels choose by.
@@ -56,12 +56,6 @@ pub(crate) fn load() -> f64 {
     let one = LoadAverage::current().map_or(0.0, |load| f64::from(load.one));
     // Two decimals, as the kernel writes it.
     (one * 100.0).round() / 100.0
-}
-
-/// The child processes of a process that still exist.
-pub(crate) fn children(pid: u32) -> Option<Vec<u32>> {
-    let main = Process::new(pid as i32).ok()?.task_main_thread();
-    main.ok()?.children().ok()
 }
 
 /// The compiler's note in a program: `rustc version 1.95.0 (...)`.

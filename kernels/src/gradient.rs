@@ -15,7 +15,7 @@ const PART_BLOCKS_MIN: usize = 4;
 
 /// `gradient[t][i][o] += sum over output rows r of input[gather(r, t)][i] * output_gradient[r][o]`.
 ///
-/// `input`: rows of `cin`; `output_gradient`: rows of `cout`; `gradient`: `taps * cin * cout`.
+/// `level`: the registers to use, mostly [`Level::best`]. `input`: rows of `cin`; `output_gradient`: rows of `cout`; `gradient`: `taps * cin * cout`.
 ///
 /// Sums are f32. Runs on rayon's current thread pool. The number of rows alone decides the parts, and the parts are added in order,
 /// so the bits of the result do not depend on the number of threads.
@@ -23,19 +23,6 @@ const PART_BLOCKS_MIN: usize = 4;
 /// # Panics
 /// When lengths or row numbers contradict each other (a broken invariant, not data).
 pub fn weight_gradient<I: Trainable>(
-    input: &[I],
-    cin: usize,
-    gather: &Gather,
-    output_gradient: &[I],
-    cout: usize,
-    gradient: &mut [f32],
-) {
-    let level = Level::best();
-    weight_gradient_at(level, input, cin, gather, output_gradient, cout, gradient);
-}
-
-/// [`weight_gradient`] with the registers of `level`, for tests and measurements.
-pub fn weight_gradient_at<I: Trainable>(
     level: Level,
     input: &[I],
     cin: usize,

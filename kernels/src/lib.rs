@@ -16,10 +16,10 @@ mod winograd;
 pub use convolve::{convolve, convolve_at};
 pub use element::{Bf16, Element};
 pub use gather::{ABSENT, Gather};
-pub use gradient::{Trainable, weight_gradient, weight_gradient_at};
+pub use gradient::{Trainable, weight_gradient};
 pub use simd::{Level, Tiled, at_best};
 pub use weights::Weights;
-pub use winograd::{WeightsWinograd, WinogradTiles, convolve_winograd, convolve_winograd_at};
+pub use winograd::{WeightsWinograd, WinogradTiles, convolve_winograd};
 
 /// The operations on a row after its sum.
 #[derive(Clone, Copy, Debug, Default)]

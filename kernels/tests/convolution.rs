@@ -5,7 +5,7 @@ mod common;
 use common::{Input, Random, assert_near, assert_refused, with_threads};
 use mluc_kernels::{
     ABSENT, Bf16, Element, Epilogue, Gather, Level, Trainable, Weights, convolve, convolve_at,
-    weight_gradient, weight_gradient_at,
+    weight_gradient,
 };
 
 const CHANNELS: [usize; 17] = [
@@ -161,7 +161,7 @@ fn weight_gradient_equals_plain() {
             expected.iter_mut().for_each(|g| *g += 0.25);
             for level in Level::all() {
                 let mut gradient = vec![0.25; expected.len()];
-                weight_gradient_at(level, input, cin, gather, &dy, cout, &mut gradient);
+                weight_gradient(level, input, cin, gather, &dy, cout, &mut gradient);
                 assert_near(&gradient, &expected, I::TOLERANCE, &case.name(level));
             }
         }
@@ -215,8 +215,9 @@ fn same_bits_with_any_number_of_threads() {
         let (input, dy) = (random.values(2000 * cin), random.values(3001 * cout));
         let gradient = |threads| {
             let mut gradient = vec![0.0; taps * cin * cout];
+            let level = Level::best();
             with_threads(threads, || {
-                weight_gradient(&input, cin, &gather, &dy, cout, &mut gradient)
+                weight_gradient(level, &input, cin, &gather, &dy, cout, &mut gradient)
             });
             gradient
         };
@@ -303,7 +304,7 @@ fn nothing_to_do_changes_nothing() {
         let (mut output, mut gradient) = (vec![3.0; 16], vec![3.0; gather.taps * 64]);
         let (input, epilogue) = ([1.0; 4], Epilogue::default());
         convolve(&input, &gather, &weights, epilogue, None, &mut output);
-        weight_gradient(&input, 4, &gather, &[], 16, &mut gradient);
+        weight_gradient(Level::best(), &input, 4, &gather, &[], 16, &mut gradient);
         assert!(output.iter().chain(&gradient).all(|&x| x == 3.0));
     }
 }
@@ -328,8 +329,9 @@ fn a_row_outside_the_input_is_refused() {
         plainly(&[I::default(); 40], &gather, &weights);
     }
     fn gradient() {
-        let gather = Gather::new(1, vec![0, 10, ABSENT]);
-        weight_gradient(&[0.0; 40], 4, &gather, &[0.0; 48], 16, &mut [0.0; 64]);
+        let (level, gather) = (Level::best(), Gather::new(1, vec![0, 10, ABSENT]));
+        let (input, dy, sums) = (&[0.0; 40], &[0.0; 48], &mut [0.0; 64]);
+        weight_gradient(level, input, 4, &gather, dy, 16, sums);
     }
     for read in [
         forward::<f32>,

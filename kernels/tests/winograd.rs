@@ -5,7 +5,6 @@ mod common;
 use common::{Input, Random, assert_near, assert_refused, with_threads};
 use mluc_kernels::{
     Epilogue, Level, Tiled, Weights, WeightsWinograd, WinogradTiles, convolve, convolve_winograd,
-    convolve_winograd_at,
 };
 
 /// A layer on a map; only some cells are wanted.
@@ -68,7 +67,7 @@ impl<I: Input + Tiled> Case<I> {
         let (input, tiles, weights) = (&self.input, self.tiles(), self.packed());
         let bias = Some(&self.bias[..]);
         let epilogue = Epilogue { bias, relu };
-        convolve_winograd_at(level, input, &tiles, &weights, epilogue, &mut output);
+        convolve_winograd(level, input, &tiles, &weights, epilogue, &mut output);
         output
     }
 
@@ -154,8 +153,8 @@ fn tiles_of_the_last_frame_are_forgotten_and_a_bias_may_be_missing() {
     assert_eq!(tiles, case.tiles());
     case.bias.fill(0.0);
     let mut found = case.blank();
-    let epilogue = Epilogue::default();
-    convolve_winograd(&case.input, &tiles, &case.packed(), epilogue, &mut found);
+    let (level, packed, epilogue) = (Level::best(), case.packed(), Epilogue::default());
+    convolve_winograd(level, &case.input, &tiles, &packed, epilogue, &mut found);
     assert_near(&found, &case.expected(false), 1e-5, "no bias");
 }
 
@@ -185,7 +184,8 @@ fn the_largest_sums_and_the_rounding_of_counts_are_the_direct_ones() {
     let (mut direct, mut tiled) = (vec![0_u8; 270 * 48], vec![0_i16; 270 * 48]);
     let (gather, tiles, packed) = (common::dense(30, 9), case.tiles(), case.packed());
     convolve(&bytes, &gather, &weights, epilogue, None, &mut direct);
-    convolve_winograd(&case.input, &tiles, &packed, epilogue, &mut tiled);
+    let level = Level::best();
+    convolve_winograd(level, &case.input, &tiles, &packed, epilogue, &mut tiled);
     assert!(direct.iter().copied().map(i16::from).eq(tiled));
     let inner = direct.iter().filter(|count| (1..255).contains(*count));
     assert!(inner.count() > 1000);
@@ -234,9 +234,9 @@ fn windows_cells_and_outputs_that_do_not_fit_are_refused() {
     assert_refused("cell Some(16) of 4 x 4", || assign(&[3, 16]));
     assert_refused("cells that ascend", || assign(&[3, 2]));
     let case = Case::<f32>::new([4, 4], 16, 16, 100);
-    let (tiles, weights) = (case.tiles(), case.packed());
+    let (level, tiles, weights) = (Level::best(), case.tiles(), case.packed());
     assert_refused("out of range", || {
         let (epilogue, output) = (Epilogue::default(), &mut [0.0; 12 * 16]);
-        convolve_winograd(&case.input, &tiles, &weights, epilogue, output);
+        convolve_winograd(level, &case.input, &tiles, &weights, epilogue, output);
     });
 }

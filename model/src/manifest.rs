@@ -12,7 +12,7 @@ pub struct AnchorClass {
     pub name: String,
     /// l, w, h, m: the mean of the training split.
     pub size_m: [f32; 3],
-    /// z of the box bottom in the sensor frame, m.
+    /// z of the box bottom, m: in the sensor frame; above the ground for local input.
     pub bottom_z_m: f32,
     /// Anchors at or above this bird's-eye overlap are positive.
     pub matched_iou: f32,

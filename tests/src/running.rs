@@ -33,7 +33,8 @@ pub fn mluc_program() -> PathBuf {
 pub fn unique_instance(label: &str) -> String {
     static COUNT: AtomicU32 = AtomicU32::new(0);
     let count = COUNT.fetch_add(1, Ordering::Relaxed);
-    format!("{label}-{}-{count}", std::process::id())
+    // Short: a long user number leaves few characters.
+    format!("{label:.3}-{:x}-{count}", std::process::id())
 }
 
 /// Files in shared memory that belong to an instance.

@@ -19,7 +19,7 @@ fn stalled(stage: &str) -> (Value, Vec<f64>) {
     let options = format!("--rate {RATE_HZ} --seconds 6 --warm-up 0 {config}");
     let mut run = setting.start_bench(&options);
     run.wait_until("all stages run", |run| run.stages().len() == 4);
-    let instance = format!("bench-{}-0", run.pid());
+    let instance = format!("b-{}-0", run.pid());
     // This wait places the stall within the 6 s.
     run.wait_for_health(&instance, "ten frames are through", |watch| {
         let refiner = watch.of(Stage::Refiner);

@@ -2,7 +2,7 @@
 
 use std::{fs, fs::File, process::Command, process::Stdio};
 
-use mluc_tests::{Setting, car_scan, leftovers, mluc_program};
+use mluc_tests::{Running, Setting, assert_has, car_scan, leftovers, mluc_program};
 
 /// The run must end with this code, without a line, and its log must have these words.
 #[track_caller]
@@ -130,32 +130,30 @@ fn a_stage_that_dies_again_and_again_is_a_crash_loop_and_waits_longer_each_time(
 
 #[test]
 fn a_demo_that_cannot_be_printed_ends_with_an_error_and_leaves_nothing() {
-    let full = || File::create("/dev/full").expect("Linux has it");
+    let full = || Stdio::from(File::create("/dev/full").expect("Linux has it"));
     let folder = tempfile::tempdir().expect("a folder");
     let picture = folder.path().join("picture.png");
     let mut demo = Command::new(mluc_program());
     demo.arg("demo").arg("--picture").arg(&picture);
-    demo.stdout(full()).stderr(Stdio::piped());
-    let child = demo.spawn().expect("started");
-    let instance = format!("demo-{}", child.id());
-    let output = child.wait_with_output().expect("ended");
-    let log = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{log}");
-    let is_an_error = log.contains("standard output") && !log.contains("panicked");
-    assert!(is_an_error, "{log}");
+    let run = Running::start_into(&mut demo, full(), Stdio::piped());
+    let instance = format!("demo-{}", run.pid());
+    let run = run.finish();
+    run.assert_ended(1, 0);
+    run.assert_says(&["standard output"]);
+    assert!(!run.log.contains("panicked"), "{}", run.log);
     assert_eq!(leftovers(&instance), [""; 0]);
 
     // A log that cannot be written stops nothing.
-    let output = demo.stdout(Stdio::null()).stderr(full()).output();
-    assert_eq!(output.expect("started").status.code(), Some(0));
-    assert!(picture.is_file());
+    let run = Running::start_into(&mut demo, Stdio::piped(), full()).finish();
+    assert_eq!(run.code, Some(0));
+    let told = ["  UNKNOWN ", "end to end ", "picture of frame 0"];
+    assert_has(&run.text(), &told);
+    assert!(fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
 
     // The user gives a file that is no scan.
     let text = folder.path().join("text.bin");
     fs::write(&text, [b'a'; 1600]).expect("written");
-    demo.arg("--input").arg(&text).stderr(Stdio::piped());
-    let output = demo.output().expect("started");
-    let log = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{log}");
-    assert!(log.contains("f32 in little-endian order"), "{log}");
+    let run = Running::start(demo.arg("--input").arg(&text)).finish();
+    assert_eq!(run.code, Some(1), "{}", run.log);
+    run.assert_says(&["f32 in little-endian order"]);
 }

@@ -1,11 +1,11 @@
 //! Faulty shared memory: full, half-made, kept, rewritten after publication, or accessed by another user.
 
-use std::time::{Duration, Instant};
-use std::{fs, fs::File, os::unix::fs::FileExt, os::unix::fs::MetadataExt, process::Command};
+use std::{fs, fs::File, io::repeat, os::unix::fs::FileExt, os::unix::fs::MetadataExt};
+use std::{process::Command, time::Duration, time::Instant};
 
-use mluc_ipc_types::{Object, Topic};
+use mluc_ipc_types::{Object, Point, Topic};
 use mluc_runtime::{Input, Instance, Message, Payload, Shell};
-use mluc_tests::{Running, Setting, leftovers, send_signal, skip};
+use mluc_tests::{Running, Setting, leftovers, send_signal, skip, wait_for};
 use procfs::process::{MMapPath, MemoryMap, Process};
 use rustix::process::{Signal, geteuid};
 
@@ -17,14 +17,12 @@ fn consumer(setting: &Setting) -> (Shell, Input<Object>) {
 }
 
 fn next<T: Payload>(input: &mut Input<T>) -> Message<T> {
-    let begun = Instant::now();
-    loop {
-        if let Some(message) = input.newest().unwrap() {
-            return message;
-        }
-        assert!(begun.elapsed() < Duration::from_secs(30), "no message");
-        input.wait(Duration::from_millis(20));
-    }
+    let mut message = None;
+    wait_for(Duration::from_secs(30), || {
+        message = input.newest().unwrap();
+        message.is_some()
+    });
+    message.expect("a message")
 }
 
 #[test]
@@ -42,7 +40,22 @@ fn a_consumer_that_keeps_what_it_gets_stops_nobody() {
     assert!(sequences().eq(first));
     drop((kept, input, shell));
     let finished = setting.stop(run);
-    finished.assert_says(&["0 lost", "stages restarted: 0"]);
+    finished.assert_says(&[", 0 lost", "stages restarted: 0"]);
+}
+
+#[test]
+fn a_third_consumer_of_points_is_refused_with_a_reason() {
+    let setting = Setting::new("third", 2);
+    let mut run = setting.up("--loop");
+    run.wait_for_lines(1);
+    let shell = setting.observer();
+    let two = [(); 2].map(|()| shell.side_input::<Point>(&Topic::POINTS).unwrap());
+    let out = setting.folder.path().join("run.mcap").display().to_string();
+    let third = Running::mluc(["record", "--instance", &setting.instance, "--out", &out]).finish();
+    third.assert_ended(1, 0);
+    third.assert_says(&["topic points", "no place for another consumer"]);
+    drop((two, shell));
+    setting.stop(run);
 }
 
 /// Where the elements of a message are: the file and the offset in it.
@@ -120,13 +133,15 @@ fn half_made_segments_hang_no_restart() {
 }
 
 /// Runs `mluc up` with its own /dev/shm; `None`, with a message: that needs root.
-fn with_shared_memory(setting: &Setting, more: &str, size: &str, after: &str) -> Option<Running> {
-    if !geteuid().is_root() {
-        skip("full shared memory", "only root can mount another /dev/shm");
+fn with_shared_memory(setting: &Setting, more: &str, size: &str) -> Option<Running> {
+    let tried = "--mount mount -t tmpfs tmpfs /dev/shm".split(' ');
+    let tried = Command::new("unshare").args(tried).status();
+    if !tried.is_ok_and(|tried| tried.success()) {
+        skip("full shared memory", "no right to mount another /dev/shm");
         return None;
     }
     let up = setting.up_command(more);
-    let script = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm; {after} exec \"$@\"");
+    let script = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm && exec \"$@\"");
     let mut command = Command::new("unshare");
     command.args(["--mount", "sh", "-c", &script, "sh"]);
     command.arg(up.get_program()).args(up.get_args());
@@ -136,23 +151,24 @@ fn with_shared_memory(setting: &Setting, more: &str, size: &str, after: &str) ->
 #[test]
 fn shared_memory_that_is_too_small_is_named_and_one_that_fills_up_later_harms_nobody() {
     let setting = Setting::new("small", 2);
-    if let Some(run) = with_shared_memory(&setting, "", "16m", "") {
+    if let Some(run) = with_shared_memory(&setting, "", "16m") {
         let finished = run.finish();
         finished.assert_ended(1, 0);
         finished.assert_says(&["MiB of shared memory", "--shm-size"]);
     }
     // Once all stages run, another process takes the remaining space.
-    let fill = "(sleep 4; head -c 2G /dev/zero > /dev/shm/other) 2>/dev/null &";
-    if let Some(mut run) = with_shared_memory(&setting, "--loop", "1g", fill) {
+    if let Some(mut run) = with_shared_memory(&setting, "--loop", "1g") {
         run.wait_for_lines(1);
-        std::thread::sleep(Duration::from_secs(6));
+        let other = format!("/proc/{}/root/dev/shm/other", run.pid());
+        let filled = std::io::copy(&mut repeat(0), &mut File::create(other).unwrap());
+        assert!(filled.is_err(), "it is full");
         run.wait_for_lines(20);
         run.stop().assert_says(&["stages restarted: 0"]);
     }
     // There is no room for both the old ingest's scans, which the refiner keeps, and the scans of the next ingest.
-    let name = &setting.instance;
-    let kill = format!("(sleep 4; pkill -9 -f 'ingest --instance {name}') &");
-    if let Some(mut run) = with_shared_memory(&setting, "--loop", "512m", &kill) {
+    if let Some(mut run) = with_shared_memory(&setting, "--loop", "512m") {
+        run.wait_for_lines(1);
+        send_signal(run.stage("ingest"), Signal::KILL);
         run.wait_for_words("restart in");
         run.wait_for_lines(20);
         run.stop();

@@ -5,6 +5,7 @@ use std::{process::Command, time::Duration};
 use mluc_ipc_types::{Stage, WIRE_VERSION};
 use mluc_tests::{Finished, Running, Setting, car_scan, leftovers, mluc_program, unique_instance};
 use rustix::process::Signal;
+use serde_json::Value;
 
 #[test]
 fn all_frames_come_out_in_order() {
@@ -15,6 +16,9 @@ fn all_frames_come_out_in_order() {
         assert_eq!(line["frame"], format!("{number:06}"));
         assert_eq!(line["wire"], WIRE_VERSION);
         assert!(line["latency_us"].as_u64().unwrap() > 0);
+        let stamp_ns = |line: &Value| line["stamp_ns"].as_u64().unwrap();
+        let since_ns = stamp_ns(line) - stamp_ns(&run.lines[0]);
+        assert_eq!(since_ns, number as u64 * 100_000_000);
         for stage in Stage::ALL {
             assert!(line["stages"][stage.name()]["run_us"].is_u64(), "{line}");
         }
@@ -70,6 +74,15 @@ fn at_the_sensors_pace_frames_come_at_its_rate() {
     let expected = (last - first) as f64 / 4.0;
     let off = (seconds - expected).abs();
     assert!(off < 0.4, "{seconds} s instead of {expected} s");
+}
+
+#[test]
+fn frames_that_newer_ones_replaced_end_the_run_with_a_warning() {
+    // No processor takes 2 ms for a frame.
+    let run = Setting::new("replaced", 40).run("--pace sensor --rate 500");
+    assert_eq!(run.code, Some(3), "{}", run.log);
+    let out = run.sequences().len();
+    run.assert_says(&[&format!("40 in, {out} out, {} lost", 40 - out)]);
 }
 
 #[test]

@@ -44,8 +44,7 @@ fn a_refiner_behind_a_script_is_killed_and_ends_with_it() {
     let setting = Setting::new("script", 3);
     let script = format!("{} stage refiner; true", mluc_program().display());
     let config = format!("[stages.refiner]\ncommand = [\"sh\", \"-c\", {script:?}]\n");
-    let config = setting.config(&config);
-    let mut run = setting.up(&format!("{config} --loop"));
+    let mut run = setting.up(&format!("{} --loop", setting.config(&config)));
     run.wait_for_lines(3);
     std::thread::sleep(Duration::from_millis(300));
     let stopped = run.stage("refiner");
@@ -93,8 +92,7 @@ fn a_stage_of_somebody_else_is_reported_and_never_signalled() {
     send_signal(own.pid(), Signal::CONT);
     run.wait_for_words("heartbeats again");
     run.wait_for_lines(3);
-    run.signal(Signal::TERM);
-    run.finish();
+    run.stop();
 }
 
 #[test]

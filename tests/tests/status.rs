@@ -84,9 +84,8 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
     assert_eq!(silent.reason(), "the supervisor hangs or is gone");
     run.signal(Signal::CONT);
     wait(&run, &mut watch, sees);
-    run.signal(Signal::TERM);
     drop((watch, shell));
-    let run = setting.finish(run);
+    let run = setting.stop(run);
     let told = told(&run);
     let silent = "no results come: refiner is silent";
     for words in [["stopped", silent], ["stopped", "asked to end"]] {

@@ -2,7 +2,7 @@
 
 use std::io::{PipeReader, PipeWriter, Write};
 use std::process::{Command, Stdio};
-use std::{fs::File, os::unix::net::UnixDatagram, time::Duration, time::Instant};
+use std::{fs::File, os::unix::net::UnixDatagram, time::Duration};
 
 use mluc_ipc_types::Stage;
 use mluc_tests::{Running, Setting, assert_has, is_alive, leftovers, send_signal, wait_for};
@@ -147,8 +147,7 @@ fn a_stage_of_somebody_else_outlives_a_killed_supervisor_and_serves_the_next() {
     first.signal(Signal::KILL);
     let second = setting.up("--without refiner").finish();
     second.assert_complete(0, 2);
-    refiner.signal(Signal::TERM);
-    refiner.finish().assert_ended(0, 0);
+    refiner.stop().assert_ended(0, 0);
     assert_eq!(leftovers(&setting.instance), [""; 0]);
 }
 
@@ -184,12 +183,11 @@ fn a_supervisor_that_is_stopped_is_no_predecessor_and_goes_on_afterwards() {
 fn of_two_starts_at_once_one_runs() {
     let setting = Setting::new("twice", 2);
     let mut both = [setting.up("--loop"), setting.up("--loop")];
-    let begun = Instant::now();
     let mut refused = None;
-    while refused.is_none() && begun.elapsed() < 30 * SECOND {
+    wait_for(30 * SECOND, || {
         refused = both.iter().position(|run| run.log().contains("--instance"));
-        std::thread::sleep(Duration::from_millis(10));
-    }
+        refused.is_some()
+    });
     let refused = refused.expect("one is refused");
     both[1 - refused].wait_for_lines(3);
     let mut both = Vec::from(both);

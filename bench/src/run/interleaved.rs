@@ -6,6 +6,7 @@ use std::process::{Command, ExitCode, Stdio};
 
 use anyhow::{Context, Result, ensure};
 use mluc::{EXIT_WARNINGS, terminal::print_out};
+use mluc_runtime::Shutdown;
 use serde_json::Value;
 
 use super::{compare, folder, folder::FOLDERS, folder::save, plan::Plan, progress, show};
@@ -47,7 +48,9 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
     let progress = progress();
     let (mut sides, mut is_flawed) = (sides(plan), false);
     let all = 2 * plan.rounds;
+    let asked = Shutdown::on_signals()?;
     for number in 0..all {
+        ensure!(!asked.is_requested(), "interrupted: the rounds so far stay");
         let side = usize::from(matches!(number % 4, 1 | 2));
         let (own, round) = (&mut sides[side], number / 2);
         let text = format!("{}, {} of {all}", own.name, number + 1);

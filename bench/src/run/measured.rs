@@ -40,7 +40,6 @@ struct Measured {
     is_interrupted: bool,
     /// By round and stage.
     resources: Vec<[Resources; 4]>,
-    is_heard: [bool; 4],
     restarts: u32,
 }
 
@@ -71,8 +70,7 @@ impl Measured {
         self.resources.push(stages.map(|stage| stage.resources()));
         for stage in 0..STAGES.len() {
             let bytes = recording.payload_bytes[stage];
-            self.payload_bytes[stage] = self.payload_bytes[stage].max(bytes.unwrap_or(0));
-            self.is_heard[stage] |= bytes.is_some();
+            self.payload_bytes[stage] = self.payload_bytes[stage].max(bytes);
         }
         self.restarts += recording.restarts;
         self.is_interrupted |= recording.is_interrupted;
@@ -123,8 +121,6 @@ impl Measured {
     fn warnings(&self, plan: &Plan, report: &Value, quiet: &Quiet) -> Result<Vec<String>> {
         let (verdict, is_loud) = quiet.verdict();
         let is_degraded = |frame: &&FrameRecord| frame.flags.split(' ').any(|f| f == "degraded");
-        let silent = STAGES.iter().zip(self.is_heard);
-        let silent = silent.filter_map(|(name, is_heard)| (!is_heard).then_some(name));
         let values = json!({
             "frames": report["frames"],
             "over_steady": report["first_frame"]["over_steady"],
@@ -135,7 +131,6 @@ impl Measured {
             "is_slow": cfg!(debug_assertions),
             "is_untrained": plan.model.manifest.provenance.steps == 0,
             "degraded": self.frames.iter().filter(is_degraded).count(),
-            "silent": silent.collect::<Vec<_>>(),
         });
         let text = render("warnings.txt", include_str!("warnings.txt"), values)?;
         let lines = text.lines().filter(|line| !line.is_empty());

@@ -12,7 +12,6 @@ use mluc_runtime::{HealthWatch, Input, Instance, Shell, Shutdown, monotonic_ns};
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::{plan::Plan, processes::ProcessWatch, show};
-use crate::machine::children;
 
 /// Interval between two checks of the processes; a message ends the wait early.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
@@ -31,8 +30,8 @@ pub(crate) struct Arrival {
 pub(crate) struct Recording {
     pub(crate) arrivals: Vec<Arrival>,
     pub(crate) watch: ProcessWatch,
-    /// Payload bytes of each stage's last message; `None`: no heartbeats arrived (a foreign stage may send none).
-    pub(crate) payload_bytes: [Option<u64>; 4],
+    /// Payload bytes of each stage's last message.
+    pub(crate) payload_bytes: [u64; 4],
     pub(crate) frames_in: u64,
     pub(crate) restarts: u32,
     pub(crate) is_interrupted: bool,
@@ -40,7 +39,7 @@ pub(crate) struct Recording {
 
 /// Runs the pipeline once; `number` is part of the instance's name, `what` of the progress line.
 pub(crate) fn record(plan: &Plan, number: u32, what: &str, bar: &ProgressBar) -> Result<Recording> {
-    let instance = Instance::new(&format!("bench-{}-{number}", std::process::id()))?;
+    let instance = Instance::new(&format!("b-{}-{number}", std::process::id()))?;
     let shutdown = Shutdown::on_signals()?;
     let shell = Shell::observer(&instance, None, shutdown)?;
     let mut recorder = Recorder {
@@ -106,7 +105,7 @@ impl Recorder {
         let recording = &mut self.recording;
         for stage in Stage::ALL {
             if let Some(health) = self.health.of(stage) {
-                recording.payload_bytes[stage as usize] = Some(u64::from(health.bytes_written));
+                recording.payload_bytes[stage as usize] = health.bytes_written.into();
             }
         }
         while let Some(message) = self.objects.oldest()? {
@@ -128,16 +127,9 @@ impl Recorder {
         Ok(())
     }
 
-    /// Finds the processes of the stages by their heartbeats. A foreign refiner may send none: it is the child of `mluc up` that is no other stage.
+    /// Finds the processes of the stages by their heartbeats.
     fn find_stages(&mut self) {
-        const REFINER: usize = Stage::Refiner as usize;
-        let mut pids = Stage::ALL.map(|stage| self.health.of(stage).map_or(0, |own| own.pid));
-        if pids[REFINER] == 0 && !pids[..REFINER].contains(&0) {
-            let children = children(self.up.process.id()).unwrap_or_default();
-            let known = children.iter().find(|pid| **pid == self.pids[REFINER]);
-            let other = || children.iter().find(|pid| !pids.contains(pid));
-            pids[REFINER] = known.or_else(other).copied().unwrap_or(0);
-        }
+        let pids = Stage::ALL.map(|stage| self.health.of(stage).map_or(0, |own| own.pid));
         let stages = self.pids.iter_mut().zip(pids);
         for (pid, found) in stages.filter(|(_, found)| *found != 0) {
             self.recording.restarts += u32::from(*pid != 0 && *pid != found);

@@ -175,6 +175,7 @@ impl Plan {
     }
 
     pub(crate) fn describe(&self) -> Value {
+        let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
         json!({
             "scans": self.scans,
             "rate_hz": self.rate_hz,
@@ -189,7 +190,7 @@ impl Plan {
             "refiner": self.refiner,
             "threads": self.args.threads,
             "stages": self.stages,
-            "command": std::env::args().collect::<Vec<_>>().join(" "),
+            "command": words.collect::<Vec<_>>().join(" "),
         })
     }
 }

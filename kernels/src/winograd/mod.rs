@@ -32,25 +32,14 @@ fn chunk_tiles(cin: usize) -> usize {
     (WINDOWS / (PLACES * cin)).min(TILES_MAX) / CHUNK_STEP * CHUNK_STEP
 }
 
-/// [`crate::convolve`] of a 3x3 layer of stride 1, tile by tile. `input`: rows of `cin`. `output`: rows of `cout`; rows
-/// that no tile names keep their values.
+/// [`crate::convolve`] of a 3x3 layer of stride 1, tile by tile. `level`: the registers to use, mostly [`Level::best`]. `input`: rows of `cin`.
+/// `output`: rows of `cout`; rows that no tile names keep their values.
 ///
 /// Runs on rayon's current thread pool; the bits of the result do not depend on the number of threads. Allocates nothing.
 ///
 /// # Panics
 /// When lengths or row numbers contradict each other (a broken invariant, not data).
 pub fn convolve_winograd<I: Tiled, O: Element>(
-    input: &[I],
-    tiles: &WinogradTiles,
-    weights: &WeightsWinograd<I>,
-    epilogue: Epilogue,
-    output: &mut [O],
-) {
-    convolve_winograd_at(Level::best(), input, tiles, weights, epilogue, output);
-}
-
-/// [`convolve_winograd`] with the registers of `level`, for tests and measurements.
-pub fn convolve_winograd_at<I: Tiled, O: Element>(
     level: Level,
     input: &[I],
     tiles: &WinogradTiles,

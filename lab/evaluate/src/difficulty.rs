@@ -24,9 +24,11 @@ impl Difficulty {
     /// Whether an object is easy enough to count as missed when it is not found.
     pub fn takes(self, label: &Label) -> bool {
         let height_px = label.image_box_px[3] - label.image_box_px[1];
+        // Labels of scans without a camera have no image box.
+        let is_seen = label.image_box_px == [0.0; 4] || height_px >= self.height_min_px();
         label.occluded <= [0, 1, 2][self as usize]
             && label.truncated <= [0.15, 0.30, 0.50][self as usize]
-            && height_px >= self.height_min_px()
+            && is_seen
     }
 
     /// Whether a detection is too small in the image to count; the devkit truncates its height to whole pixels.

@@ -185,7 +185,6 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
     let (model, path) = (&fixture.model, &fixture.path);
     let (gate, data) = (ModelGate::of(model), fixture.set.describe());
     let choice = choose_threshold(gate, &swept, &judged, &data, "paper-corrected");
-    let choice = choice.expect("a choice");
     write_threshold(path, model, &choice).expect("written");
     let written = Model::read(path).expect("a model");
     assert_eq!(written.weights, model.weights);

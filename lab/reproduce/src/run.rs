@@ -17,6 +17,7 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<PathBuf> {
     for folder in &options.real {
         check_files(&Dataset::open(folder)?)?;
     }
+    let _alone = mluc_train::enter(&options.layout().runs)?;
     let plan = plan(options);
     for step in &plan {
         if let (Work::Prepare(_, of), false) = (&step.work, is_done(options, step)?) {

@@ -101,13 +101,15 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads_and_in_parts() {
         assert_eq!(copies.len(), expected, "{part}");
     }
     let mut again = ExportOptions::new(Family::SimUdi, Split::Val, 1, 5, one);
-    let refused = export(&again, || ()).expect_err("not empty").to_string();
-    let words = "expected an empty or a new folder";
-    assert!(refused.contains(words), "{refused}");
+    refuses(&again, "expected an empty or a new folder");
     // The roads of KITTI are dry.
     (again.family, again.without) = (Family::SimKitti, vec![Step::Weather]);
-    let refused = export(&again, || ()).expect_err("weather").to_string();
-    assert!(refused.contains("vegetation), found weather"), "{refused}");
+    refuses(&again, "vegetation), found weather");
+}
+
+fn refuses(options: &ExportOptions, words: &str) {
+    let refused = export(options, || ()).expect_err(words).to_string();
+    assert!(refused.contains(words), "{refused}");
 }
 
 #[test]
@@ -394,9 +396,7 @@ fn unseen_classes_stand_in_one_split_and_never_in_training() {
         // A folder's name may begin as an option does.
         let mut options = ExportOptions::new(family, Split::Train, 1, 1, "-train".into());
         options.unseen = true;
-        let fault = export(&options, || ()).expect_err("training").to_string();
-        let words = "expected the split val or test, found train";
-        assert!(fault.contains(words), "{fault}");
+        refuses(&options, "expected the split val or test, found train");
     }
 }
 
@@ -436,9 +436,7 @@ fn synthetic_unknown_objects_are_labelled_and_bring_no_unknown_class() {
         let out = folder.path().join("val");
         let mut options = ExportOptions::new(family, Split::Val, 1, 1, out);
         options.synthetic_unknown = true;
-        let fault = export(&options, || ()).expect_err("real unknown objects");
-        let words = "expected the split train, found val";
-        assert!(fault.to_string().contains(words), "{fault}");
+        refuses(&options, "expected the split train, found val");
     }
 }
 

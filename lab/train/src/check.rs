@@ -9,6 +9,7 @@ use crate::{
     log::TrainEvent,
     settings::TrainSettings,
     source::ScanSource,
+    synthetic_unknown::stands_for_unknown,
 };
 
 /// Number of scans whose labelled boxes are checked: scans of other frames, or empty scans, show in the first few.
@@ -72,6 +73,19 @@ pub(crate) fn points(source: &ScanSource, settings: &TrainSettings) -> Result<()
         return Err(refused(&path, expected, found));
     }
     Ok(())
+}
+
+/// Rejects scans without an example of the unknown for a network that learns from such: it would learn that nothing is unknown.
+pub(crate) fn examples(source: &ScanSource, settings: &TrainSettings) -> Result<(), TrainError> {
+    let is_needed = source.takes_synthetic_unknown && settings.synthetic_unknown() == 0;
+    let names = source.dataset.names().iter();
+    let mut labels = names.flat_map(|name| source.dataset.labels(name)).flatten();
+    if !is_needed || labels.any(|label| stands_for_unknown(&label, &source.classes)) {
+        return Ok(());
+    }
+    let expected = "labels Synthetic_unknown (mix in scans of simulate --synthetic-unknown)";
+    let found = "none, and nothing would be unknown (or take --network metric)";
+    Err(refused(&settings.data.join("train"), expected, found))
 }
 
 /// Settings and data as one text; a resumed run must have the same text as its checkpoint.

@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Setting {
-    /// All around: car, pedestrian, cyclist, truck.
+    /// All around, scans of an HDL-64E 1.73 m high (of other sensors: any): car, pedestrian, cyclist, truck.
     Udi,
-    /// To the front: car, pedestrian, cyclist.
+    /// To the front, scans of such a sensor: car, pedestrian, cyclist.
     Kitti,
     /// All around, for any sensor: car, pedestrian, cyclist, measured from the ground.
     Any,

@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-use mluc_kernels::{Element, Epilogue, Gather, Trainable, Weights, convolve, weight_gradient};
+use mluc_kernels::{Element, Epilogue, Gather, Level, Trainable, Weights};
+use mluc_kernels::{convolve, weight_gradient};
 
 use crate::norm::{self, Activation, Statistics, Tail};
 use crate::pool::{Pool, round};
@@ -275,7 +276,8 @@ fn gradients<I: Trainable>(
     weight: &mut [f32],
     back: &mut [f32],
 ) {
-    weight_gradient(input, cin, gather, gradient, cout, weight);
+    let level = Level::best();
+    weight_gradient(level, input, cin, gather, gradient, cout, weight);
     if let Some(transposed) = transposed {
         let weights = Weights::pack_transposed(taps, cin, cout, plain);
         let epilogue = Epilogue::default();

@@ -50,6 +50,7 @@ impl Run {
         };
         measure_anchors(&mut manifest, settings, &source, notify)?;
         check::points(&source, settings)?;
+        check::examples(&source, settings)?;
         let frames = settings.database_frames();
         let database = database::build(&source, settings.classes(), frames)?;
         let sizes: Vec<_> = database.iter().map(|s| s.len().to_string()).collect();

@@ -4,7 +4,8 @@
 //! This response is computed once. In a frame, a layer computes the cells that read a computed cell of its input; neighbours outside have the stored
 //! response. The result equals the dense result: bit for bit, in f32 by tiles up to rounding. After `halo_layers` layers no further cells are added.
 
-use mluc_kernels::{ABSENT, Gather, Tiled, WeightsWinograd, WinogradTiles, convolve_winograd};
+use mluc_kernels::{ABSENT, Gather, Level, Tiled};
+use mluc_kernels::{WeightsWinograd, WinogradTiles, convolve_winograd};
 use mluc_model::{DenseLayer, Folded, WeightSet};
 use rayon::prelude::*;
 
@@ -141,7 +142,8 @@ impl<V: Value> PlaneLayer<V> {
         let ByTiles { weights, tiles } = self.by_tiles.as_mut()?;
         let (input, output) = V::tiled(input, &mut self.values)?;
         tiles.assign(&self.active.list, self.active.shape);
-        convolve_winograd(input, tiles, weights, self.convolution.epilogue(), output);
+        let (level, epilogue) = (Level::best(), self.convolution.epilogue());
+        convolve_winograd(level, input, tiles, weights, epilogue, output);
         Some(())
     }
 

@@ -37,7 +37,7 @@ pub struct PointCounts {
 pub struct Voxels {
     /// Occupied voxels of the grid; it has the depth of the network's first sparse map.
     pub sites: Sites,
-    /// One row per site: mean x, y, z (m, sensor frame), intensity.
+    /// One row per site: mean x, y, z (m, sensor frame), intensity; or after `localize` offsets (voxels), height above the ground (m), 0.
     pub rows: Vec<f32>,
     /// Address of every point's voxel, or the reason why it has none.
     addresses: Vec<usize>,

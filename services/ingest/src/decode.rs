@@ -95,11 +95,7 @@ fn point(bytes: &[u8; POINT_BYTES]) -> Point {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn bytes(points: &[[f32; 4]]) -> Vec<u8> {
-        let numbers = points.as_flattened().iter();
-        numbers.flat_map(|v| v.to_le_bytes()).collect()
-    }
+    use mluc_dataset::scan_bytes as bytes;
 
     fn decoded(bytes: &[u8]) -> (DecodeReport, Vec<Point>) {
         let report = inspect_bin(bytes);

@@ -63,7 +63,8 @@ impl StageSettings {
 
 fn at_priority(priority: u8, program: PathBuf) -> Command {
     let mut command = Command::new("chrt");
-    command.args(["--fifo", &priority.to_string()]).arg(program);
+    // Short options: BusyBox has no others.
+    command.args(["-f", &priority.to_string()]).arg(program);
     command
 }
 

@@ -59,6 +59,9 @@ impl Resolved {
         let mut settings: Settings = merged.try_into().map_err(usage)?;
         settings.complete();
         settings.check()?;
+        if !joins {
+            settings.sensor.load()?;
+        }
         Ok(Resolved { settings, origins })
     }
 
@@ -207,7 +210,8 @@ fn flag_layers(args: &PipelineArgs) -> anyhow::Result<Vec<Table>> {
     for line in lines {
         layers.push(line.parse()?);
     }
-    let folder = std::env::current_dir().context("the current folder")?;
+    // A folder that is gone matters only to relative paths.
+    let folder = std::env::current_dir().unwrap_or_default();
     layers.iter_mut().for_each(|layer| rebase(layer, &folder));
     Ok(layers)
 }

@@ -345,7 +345,6 @@ impl Settings {
             let expected = "expected a different one for each";
             return refused(format!("name of [[lidar]]: {expected}, found '{name}'"));
         }
-        self.sensor.load()?;
         self.level()?;
         if !self.lidar.is_empty() && (self.input.is_some() || self.repeat) {
             return refused("[[lidar]] goes without input and loop".to_string());

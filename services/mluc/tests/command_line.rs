@@ -79,7 +79,7 @@ fn status_of_nothing_is_a_failure() {
     ] {
         let output = mluc(&command.split(' ').collect::<Vec<_>>());
         assert_eq!(output.status.code(), Some(1), "{command}");
-        assert!(said(&output).contains("no pipeline runs under the name 'nobody-has-this'"));
+        assert!(said(&output).contains("no pipeline of yours is named 'nobody-has-this'"));
     }
 }
 

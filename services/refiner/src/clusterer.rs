@@ -1,6 +1,6 @@
 //! How a variant gets from a scan and its proposals to clusters and their boxes; and the clusterer that clusters the scan once.
 
-use mluc_geometry::Box3;
+use mluc_geometry::{Box3, iou_bev};
 use mluc_ipc_types::{DETECTIONS_MAX, Disposition, Object, Point};
 
 use crate::clusters::{ClusterFinder, FrameCluster, Matcher, Measures};
@@ -134,14 +134,15 @@ impl Clusterer for ScanClusterer {
     }
 }
 
-/// The known object whose box is nearest to a proposal's centre, seen from above, and its distance, m.
+/// Of the known objects whose boxes overlap a proposal's, seen from above, the one nearest to its centre, and its distance, m.
 fn nearest_known(known: &[(usize, Box3)], proposal: &Box3) -> Option<(usize, f64)> {
     let distance_m = |shape: &Box3| {
         let local = shape.local_m(proposal.center_m);
         let beyond = |axis: usize| (local[axis].abs() - shape.size_m[axis] / 2.0).max(0.0);
         beyond(0).hypot(beyond(1))
     };
-    let distances = known.iter().map(|(by, shape)| (*by, distance_m(shape)));
+    let touching = known.iter().filter(|(_, own)| iou_bev(own, proposal) > 0.0);
+    let distances = touching.map(|(by, shape)| (*by, distance_m(shape)));
     distances.min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))
 }
 

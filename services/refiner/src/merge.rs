@@ -13,8 +13,9 @@ pub(crate) const KNOWN_SCORE_MIN: f32 = 0.5;
 pub(crate) const KNOWN_MARGIN_M: f64 = 0.1;
 /// An unknown object is suppressed when more than this share of its points lies in one such known box.
 const KNOWN_POINTS_SHARE: f64 = 0.5;
-/// It is also suppressed when the bird's-eye IoU of the two boxes is above this.
+/// It is also suppressed when the bird's-eye IoU of the two boxes is above this, and a point of it lies at most this far from the known box, m.
 const KNOWN_IOU: f64 = 0.3;
+const KNOWN_NEAR_M: f64 = 0.5;
 /// The paper's variant: rotated bird's-eye overlap above which the smaller box is suppressed. The paper names neither measure nor threshold.
 const PAPER_NMS_IOU: f64 = 0.01;
 
@@ -97,7 +98,8 @@ fn clash_with_known(proposals: &mut [Proposal], points: &[u32], scan: &[Point]) 
     }
 }
 
-/// The share by which a known object covers an unknown one; `None` when it is too small to matter.
+/// The share by which a known object covers an unknown one; `None` when it is too small to matter. The boxes count only if points of the unknown
+/// object lie near the known box: what is in front of a car, completed away from the sensor, reaches into it.
 fn clash(unknown: &Proposal, known: &Proposal, own: &[u32], scan: &[Point]) -> Option<f64> {
     // The cluster's points lie in its tight box; completing the unseen side moves the box by less than its size.
     let reach_m = 2.0 * unknown.shape.half_diagonal_m() + known.shape.half_diagonal_m();
@@ -105,12 +107,16 @@ fn clash(unknown: &Proposal, known: &Proposal, own: &[u32], scan: &[Point]) -> O
     if x.hypot(y) > reach_m {
         return None;
     }
-    let grown = Inside::of(&known.shape, KNOWN_MARGIN_M);
-    let inside = own.iter().filter_map(|&i| scan.get(i as usize));
-    let inside = inside.filter(|p| grown.contains([p.x_m, p.y_m, p.z_m].map(f64::from)));
-    let share = inside.count() as f64 / own.len().max(1) as f64;
+    let share = |margin_m: f64| {
+        let grown = Inside::of(&known.shape, margin_m);
+        let inside = own.iter().filter_map(|&i| scan.get(i as usize));
+        let inside = inside.filter(|p| grown.contains([p.x_m, p.y_m, p.z_m].map(f64::from)));
+        inside.count() as f64 / own.len().max(1) as f64
+    };
+    let (near, share) = (share(KNOWN_NEAR_M), share(KNOWN_MARGIN_M));
     let iou = iou_bev(&unknown.shape, &known.shape);
-    let is_clash = share > KNOWN_POINTS_SHARE || iou > KNOWN_IOU;
+    let is_near = own.is_empty() || near > 0.0;
+    let is_clash = share > KNOWN_POINTS_SHARE || (iou > KNOWN_IOU && is_near);
     is_clash.then_some(share.max(iou))
 }
 

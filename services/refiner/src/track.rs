@@ -19,6 +19,8 @@ const MOVED_MIN_M: f64 = 1.5;
 const STRAIGHT_MIN: f64 = 0.9;
 /// A track that was not seen for this many windows of sequence numbers is forgotten, even if few of these frames came.
 const WINDOWS_MAX: u64 = 4;
+/// After a longer silence of the sensor, or step of its clock, ns, no track is found again.
+const SILENCE_MAX_NS: u64 = 4_000_000_000;
 /// Maximum distance that an object seen once moves until the next frame, m: 40 m/s at 10 Hz.
 const WAY_MAX_M: f64 = 4.0;
 /// Maximum number of lost frames that widen the distance at which an object is searched.
@@ -107,8 +109,8 @@ pub struct Tracker {
     next_id: u32,
     /// Number of frames that came.
     frame: u64,
-    /// Run, source of the sensor's pose ([`EgoPose::is_known`]) and sequence of the last frame.
-    last: Option<[u64; 3]>,
+    /// Run, source of the sensor's pose ([`EgoPose::is_known`]), sequence and stamp (ns) of the last frame.
+    last: Option<[u64; 4]>,
 }
 
 impl Tracker {
@@ -131,7 +133,8 @@ impl Tracker {
     /// The header has the sensor's pose, if known; without it no track is known to move. Frames that are missing between two calls are no
     /// evidence, but a track that stays unseen for four windows is forgotten.
     pub fn update(&mut self, header: &FrameHeader, refined: &mut RefinerOutput) {
-        self.age([header.run_id, header.ego.is_known.into(), header.sequence]);
+        let (told_by, stamp_ns) = (header.ego.is_known.into(), header.sensor_stamp_ns);
+        self.age([header.run_id, told_by, header.sequence, stamp_ns]);
         let objects = &mut refined.objects;
         let is_low = |object: &Object| object.disposition == Disposition::LowScore as u32;
         self.order.clear();
@@ -177,10 +180,12 @@ impl Tracker {
     }
 
     /// Advances the time, and forgets tracks that were not seen for a whole window.
-    fn age(&mut self, [run, told_by, sequence]: [u64; 3]) {
-        // The run began anew, or the frame of reference changed: no track can be found again.
-        let last = self.last.replace([run, told_by, sequence]);
-        if last.is_some_and(|last| [run, told_by] != last[..2] || sequence < last[2]) {
+    fn age(&mut self, now @ [.., sequence, stamp_ns]: [u64; 4]) {
+        // The run began anew, the frame of reference changed, or the sensor was silent: no track can be found again.
+        let last = self.last.replace(now);
+        if last.is_some_and(|last| now[..2] != last[..2] || sequence < last[2])
+            || last.is_some_and(|last| stamp_ns.abs_diff(last[3]) > SILENCE_MAX_NS)
+        {
             self.tracks.clear();
         }
         match last {
@@ -189,7 +194,7 @@ impl Tracker {
                 let first = sequence.wrapping_mul(TRACKS_MAX as u64);
                 self.next_id = (first % u64::from(Object::NONE)) as u32;
             }
-            Some([.., before]) => self.frame += u64::from(sequence != before),
+            Some([.., before, _]) => self.frame += u64::from(sequence != before),
         }
         let window = u64::from(self.settings.window);
         let oldest = self.frame.saturating_sub(window - 1);

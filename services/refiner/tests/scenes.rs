@@ -94,6 +94,24 @@ fn an_obstacle_close_to_a_truck_survives_whatever_the_proposal() {
     }
 }
 
+/// Of a truck ahead the rear alone is seen, half a length from its centre: a car beside it is nearer. A board is completed into a car behind it.
+#[test]
+fn known_neighbours_take_neither_a_truck_ahead_nor_a_board_before_a_car() {
+    let truck = standing(19.5, 0.0, [8.0, 2.5, 3.2], 0.0);
+    let board = standing(10.0, 0.0, [0.1, 1.8, 1.2], 0.0);
+    for (thing, [x, y]) in [(truck, [19.5, 3.4]), (board, [13.1, 0.0])] {
+        let car = standing(x, y, [4.2, 1.8, 1.5], 0.0);
+        let mut own = candidate(&thing, [0.0, 0.0], 1.0);
+        (own.size_m, own.yaw_rad) = (thing.size_m.map(|side| side as f32), 0.0);
+        let out = refine(
+            RangeScaled,
+            &scan(&[thing, car]),
+            &[known(&car, 0, 0.9), own],
+        );
+        assert!(out.objects[1].is_published(), "{:?}", out.objects[1]);
+    }
+}
+
 #[test]
 fn a_candidate_on_a_known_object_goes_and_says_why() {
     let car = standing(15.0, 2.0, [4.2, 1.8, 1.5], 0.4);

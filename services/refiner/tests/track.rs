@@ -1,4 +1,4 @@
-//! Evidence over time: an object seen once is held back, one seen again keeps its number, a moving one ranks higher, known ones pass at once.
+//! Evidence over time: an object is held back until its fifth sighting, one seen again keeps its number, a moving one ranks higher, known ones pass at once.
 
 use mluc_ipc_types::{Disposition, EgoPose, FrameHeader, Object, ObjectKind};
 use mluc_refiner::{RefinerOutput, TrackSettings, Tracker};

@@ -1,6 +1,6 @@
 //! Another implementation at both ends: Cyclone DDS publishes clouds and reads objects (`cyclone.py`).
 
-use std::{net::UdpSocket, process::Command, process::Stdio, time::Duration};
+use std::{net::UdpSocket, process::Command, time::Duration};
 
 use mluc::bundled::BundledScans;
 use mluc_tests::{Running, Setting, built_program, python_with, root, skip, write_file};
@@ -40,17 +40,14 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
     let publish = start(publish.args(["publish", "--instance", &setting.instance]));
     run.wait_for_words("listening");
     let mut doctor = Command::new(built_program("mluc"));
-    doctor.args(["doctor", "--input", "ros2:/points"]);
-    doctor.env("ROS_DOMAIN_ID", &domain).stdout(Stdio::piped());
-    let doctor = doctor.spawn().expect("started");
+    let doctor = start(doctor.args(["doctor", "--input", "ros2:/points"]));
     // Cyclone's script compares the objects of each cloud with the objects of its file.
     let topics = format!("mluc_{}", setting.instance.replace('-', "_"));
     let cyclone = cyclone.args([scans, told]).arg(topics);
     let cyclone = start(cyclone).finish_within(Duration::from_secs(120));
     let log = [&*cyclone.log, &run.log(), &publish.log()].concat();
     assert_eq!(cyclone.code, Some(0), "{log}");
-    let doctor = doctor.wait_with_output().expect("ended").stdout;
-    let doctor = String::from_utf8_lossy(&doctor);
+    let doctor = doctor.finish().text();
     let mut lines = doctor.lines();
     let looked = lines.find_map(|line| line.split_once(" scans of "));
     let has_scans = looked.is_some_and(|(count, _)| !count.ends_with(" 0"));

@@ -17,6 +17,9 @@ fn topic_name(stage: Stage) -> String {
     format!("{}/{}", Topic::HEALTH.name, stage.name())
 }
 
+/// Frames that the times of a heartbeat are of, at most.
+const RUNS_MAX: u64 = 6_000;
+
 /// Publishes the heartbeats of one stage.
 pub(crate) struct Heartbeat {
     output: Output<Health>,
@@ -40,6 +43,9 @@ impl Heartbeat {
     }
 
     pub(crate) fn record_run(&mut self, run_ns: u64) {
+        if self.run_us.len() >= RUNS_MAX {
+            self.run_us.reset();
+        }
         let run_us = (run_ns / 1000).clamp(1, RUN_MAX_US);
         self.run_us.saturating_record(run_us);
     }

@@ -149,10 +149,6 @@ fn is_ours_alone(instance: &Instance) -> Result<bool> {
 
 impl Drop for Membership {
     fn drop(&mut self) {
-        if !mappings(&self.instance).is_empty() {
-            // A port that closes after this process left removes files that the next process of the instance has made.
-            tracing::error!("a port outlives its shell: drop the ports first");
-        }
         let begun = Instant::now();
         while flock(&self.lock, FlockOperation::NonBlockingLockExclusive).is_err() {
             let is_orphan = getppid() != self.parent;
@@ -160,6 +156,10 @@ impl Drop for Membership {
                 return;
             }
             std::thread::sleep(Duration::from_millis(2));
+        }
+        if !mappings(&self.instance).is_empty() {
+            // A port that closes after this process left removes files that the next process of the instance has made.
+            tracing::error!("a port outlives its shell: drop the ports first");
         }
         let path = self.instance.root().join(LOCK);
         if is_same_file(&self.lock, &path) {

@@ -10,7 +10,7 @@ use crate::{Input, Message, Shell, error::Result, input::Wake};
 /// Scans kept after a frame was refined: at about that time the backbone has taken the newest scan or the one before it.
 const PINNED: usize = 2;
 /// Scans kept in all: the pinned ones, and the newest two for a backbone that waited. So the points of a frame are found,
-/// however long the backbone takes. One more scan is held while it is being inserted ([`Topic::POINTS`]`.borrowed`).
+/// however long the backbone takes, if the refiner waits meanwhile. One more scan is held while it is being inserted ([`Topic::POINTS`]`.borrowed`).
 const KEPT: usize = 4;
 
 /// Scans by their sequence.

@@ -21,7 +21,7 @@ mod rounds;
 mod shard;
 pub mod udp;
 
-use std::{path::Path, time::Duration};
+use std::{path::Path, time::Duration, time::Instant};
 
 use anyhow::{Context, anyhow, bail};
 use mluc_ipc_types::{EgoPose, Flags};
@@ -60,6 +60,8 @@ pub struct Scan {
     pub stamp_ns: Option<u64>,
     /// When its first packet arrived, by the clock of the receiver or recorder, ns; `None`: it has no such time.
     pub received_ns: Option<u64>,
+    /// When a live scan was whole; `None`: just now, or the scan is recorded.
+    pub arrived: Option<Instant>,
     /// Time since the source's first scan, ns; `None`: not known.
     pub offset_ns: Option<u64>,
     /// Pose of the sensor.

@@ -182,14 +182,15 @@ impl Listener {
                 let mut scan = Scan::default();
                 scan.take(whole, 0, &self.layout);
                 scan.name.clear();
-                // After a pause a packet may end two turns; the second is a part of it.
+                scan.arrived = Some(Instant::now());
                 turn.get_or_insert(scan);
             });
             let counts = decoder.counts();
             if counts.packets > before {
                 (heard, looks) = (Instant::now(), 0);
             }
-            if let Some(scan) = turn {
+            // What came before a pause is too old.
+            if let Some(scan) = turn.filter(|_| silent_ms <= PAUSE_MS) {
                 turned = Instant::now();
                 self.give(Ok(scan));
             } else if turned.elapsed() > NO_TURN {

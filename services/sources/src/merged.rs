@@ -180,6 +180,7 @@ impl Merged {
             flags,
             pose: leader.pose.map(|pose| first.pose_of_frame(pose)),
             times_ns: vec![],
+            arrived: leader.arrived.or(self.frame.map(|frame| frame.2)),
             ..*leader
         };
     }

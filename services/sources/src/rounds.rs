@@ -1,36 +1,36 @@
 //! Times of the scans of a recording that is repeated in rounds.
 
-/// Period of a recording with a single scan.
-const PERIOD_NS: u64 = 100_000_000;
+use smart_default::SmartDefault;
+
+/// A longer step between stamps, one of 0 or one back is a clock that was set, or a break: one period takes its place.
+const STEP_MAX_NS: u64 = 60_000_000_000;
 
 /// Converts stamps to times after the first scan of all rounds.
-#[derive(Default)]
+#[derive(SmartDefault)]
 pub(crate) struct Rounds {
-    /// First stamp of this round, ns; `round_ns`: start of this round after the first scan of all rounds.
-    first_ns: Option<u64>,
-    round_ns: u64,
-    /// Time of the last scan after the first scan of all rounds, ns; `period_ns`: its time after the scan before it.
-    last_ns: u64,
+    /// Stamp of the last scan of this round, ns.
+    stamp_ns: Option<u64>,
+    /// Its time after the first scan of all rounds, ns.
+    last_ns: Option<u64>,
+    /// The last step between two stamps, ns.
+    #[default(100_000_000)]
     period_ns: u64,
 }
 
 impl Rounds {
     /// Time of a scan after the first scan of all rounds, ns.
     pub(crate) fn offset_ns(&mut self, stamp_ns: u64) -> u64 {
-        let first_ns = *self.first_ns.get_or_insert(stamp_ns);
-        let offset_ns = self.round_ns + stamp_ns.saturating_sub(first_ns);
-        self.period_ns = offset_ns - self.last_ns.min(offset_ns);
-        self.last_ns = offset_ns;
-        offset_ns
+        let before_ns = self.stamp_ns.replace(stamp_ns);
+        let step_ns = before_ns.map_or(0, |before_ns| stamp_ns.wrapping_sub(before_ns));
+        if (1..STEP_MAX_NS).contains(&step_ns) {
+            self.period_ns = step_ns;
+        }
+        let next_ns = self.last_ns.map_or(0, |last_ns| last_ns + self.period_ns);
+        *self.last_ns.insert(next_ns)
     }
 
     /// Ends a round: the next one begins one period after its last scan. False: the round had no scan, so no other round would have one.
     pub(crate) fn next_round(&mut self) -> bool {
-        let period_ns = match self.period_ns {
-            0 => PERIOD_NS,
-            period_ns => period_ns,
-        };
-        self.round_ns = self.last_ns + period_ns;
-        self.first_ns.take().is_some()
+        self.stamp_ns.take().is_some()
     }
 }

@@ -2,7 +2,7 @@
 
 use std::{net::TcpListener, process::Command};
 
-use mluc_tests::{Running, Setting, built_program, python_with, root};
+use mluc_tests::{Running, Setting, python_with, root};
 use serde_json::{Value, json};
 
 #[test]
@@ -16,10 +16,11 @@ fn a_client_from_a_package_hears_the_frames_though_it_comes_late_and_comes_again
     let setting = Setting::new("zenoh", 3);
     let config = setting.config("[sensor]\nextrinsics = [0.5, 0.0, 1.0, 0.0, 0.0, 0.0]\n");
     let run = setting.up(&format!("{config} --pace sensor --rate 5 --loop"));
-    let mut publish = Command::new(built_program("mluc"));
-    let locator = format!("tcp/127.0.0.1:{port}");
-    publish.args(["zenoh", "--points", "--instance", &setting.instance]);
-    let publish = Running::start(publish.args(["--connect", &locator]));
+    let words = format!(
+        "zenoh --points --instance {} --connect tcp/127.0.0.1:{port}",
+        setting.instance
+    );
+    let publish = Running::mluc(words.split(' '));
     let hear = || {
         let mut client = Command::new(&python);
         client.arg(root().join("services/zenoh/tests/client.py"));

@@ -190,7 +190,7 @@ pub(crate) fn names_both(text: &str, other: u32) -> bool {
 
 /// Starts the program in an instance whose contract file names another version; returns the program's message.
 pub(crate) fn wrong_instance(options: &Options) -> anyhow::Result<String> {
-    let instance = Instance::new(&format!("suite-w-{}", std::process::id()))?;
+    let instance = Instance::new(&format!("w-{}", std::process::id()))?;
     let member = Membership::join(&instance, "suite")?;
     let (other, pid) = (WIRE_VERSION + 41, std::process::id());
     let text = format!("wire={other} version=99.0.0 by=ingest pid={pid}\n");

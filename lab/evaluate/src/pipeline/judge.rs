@@ -118,14 +118,7 @@ pub fn choose_threshold(
     judgement: &ModelJudgement,
     data: &str,
     refiner: &str,
-) -> Result<Choice> {
-    if judgement.unknown_labels() == 0 {
-        let unknown = judgement.closed.unknown();
-        let classes = unknown.map_or("none named".to_owned(), |c| c.rule.valid.join(", "));
-        return Err(EvaluateError::Input(format!(
-            "the data: expected labelled objects of the unknown classes ({classes}) that count at moderate, found none"
-        )));
-    }
+) -> Choice {
     let (closed, point) = (sweep[0], sweep[gate.best_index(sweep)]);
     let figures = [
         ("map_known", point.map_known),
@@ -137,7 +130,7 @@ pub fn choose_threshold(
     let named = figures.map(|(name, value)| (name.to_owned(), value));
     let of_class = |c: &ClassReport| (format!("ap_closed_{}", c.rule.name), c.main().ap.r40);
     let of_classes = judgement.closed.known().map(of_class);
-    Ok(Choice {
+    Choice {
         threshold: point.threshold,
         metrics: named.into_iter().chain(of_classes).collect(),
         reason: format!(
@@ -145,7 +138,7 @@ pub fn choose_threshold(
             gate.rule(),
             sweep.len() - 1,
         ),
-    })
+    }
 }
 
 /// The values chosen for published scores.

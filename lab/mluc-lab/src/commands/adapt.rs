@@ -164,6 +164,7 @@ impl Adaptation<'_> {
         let (trained, path) = (self.run_folder().join("model.safetensors"), self.model());
         let (scans, mut train) = (self.scans(Split::Train), Model::read(&trained)?);
         let first = Model::read(&self.out.join("init.safetensors"))?;
+        train.manifest.provenance.data = format!("sim-any, {}", self.plan.request.sensor.name);
         if mean::move_half_way(&mut train, &first) {
             train.manifest.provenance.data += "; mean with the first weights";
         }

@@ -1,6 +1,6 @@
 //! `mluc-lab render`: pictures of scans with labels and detections, one by one, as a sheet or as an animation.
 
-use super::terminal::{counted, write_out};
+use super::terminal::{counted, print_err, write_out};
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use mluc_dataset::{Dataset, read_boxes, read_scan};
@@ -148,7 +148,10 @@ impl RenderArguments {
         };
         let Some(calibration) = given_or_beside(scan, &self.calib, "calib") else {
             let path = path.display();
-            bail!("{path}: labels need a calibration: give --calib");
+            print_err(format_args!(
+                "{path}: not drawn: labels need a calibration (--calib)"
+            ));
+            return Ok(Vec::new());
         };
         let boxes = read_boxes(&path, &calibration)?.into_iter();
         let drawn = boxes.map(|(label, box_in_sensor)| DrawnBox {

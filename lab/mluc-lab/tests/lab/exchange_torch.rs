@@ -3,7 +3,7 @@
 //! `bench/peers/network/checkpoint.py FOLDER` writes the checkpoint, converts it with
 //! `tools/checkpoint_to_safetensors.py`, and writes the answers; MLUC_PEERS_CHECKPOINT names the folder. Not set: skipped; a missing folder: an error.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::exchange::on_kitti;
 use anyhow::Context;
@@ -12,7 +12,7 @@ use mluc_dataset::read_scan;
 use mluc_geometry::mean_and_spread;
 use mluc_head::Head;
 use mluc_lab::exchange::{Imported, import};
-use mluc_tests::{feature_map, skip};
+use mluc_tests::{data_folder, feature_map};
 
 /// Tolerance as a share of the values' spread about their mean.
 const TOLERANCE: f64 = 1e-3;
@@ -29,8 +29,7 @@ fn numbers(path: &Path) -> anyhow::Result<Vec<f32>> {
 
 #[test]
 fn an_imported_checkpoint_answers_as_pytorch_does() -> anyhow::Result<()> {
-    let Some(folder) = std::env::var_os("MLUC_PEERS_CHECKPOINT").map(PathBuf::from) else {
-        skip("answers of PyTorch", "MLUC_PEERS_CHECKPOINT is not set");
+    let Some(folder) = data_folder("MLUC_PEERS_CHECKPOINT") else {
         return Ok(());
     };
     let imported = |name: &str| import(&read(&folder.join(name))?, on_kitti());

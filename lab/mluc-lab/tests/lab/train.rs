@@ -3,7 +3,7 @@
 use crate::{Folder, text};
 use mluc_model::{Model, model_bytes};
 use mluc_reproduce::{RunState, run_state};
-use std::{fs, fs::File, process::Command, process::Stdio, time::Duration, time::Instant};
+use std::{fs, fs::File, process::Command, process::Stdio, time::Duration};
 
 /// A folder with four simulated scans in `data/train`.
 fn place() -> Folder {
@@ -93,10 +93,7 @@ fn a_killed_run_goes_on_to_the_bits_of_an_uninterrupted_one() {
     let mut first = place.trainer("cut", steps);
     let mut child = first.stderr(Stdio::null()).spawn().expect("started");
     let checkpoint = place.path("cut/checkpoint.safetensors");
-    let patience = Instant::now();
-    while !checkpoint.exists() && patience.elapsed() < Duration::from_secs(60) {
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    mluc_tests::wait_for(Duration::from_secs(60), || checkpoint.exists());
     child.kill().expect("killed");
     child.wait().expect("ended");
     let cut = run_state(&place.path("cut")).expect("a run");

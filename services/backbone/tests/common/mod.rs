@@ -58,14 +58,10 @@ pub(crate) fn check_coverage(
     empty: &[f32],
     points: &[[f32; 4]],
 ) -> Run<(Frame, usize)> {
-    let channels = backbone.feature_channels();
     let frame = backbone.run(points);
     let (cells, rows) = backbone.last_rows()?;
     assert!(rows.iter().all(|value| value.is_finite()));
-    let mut assembled = empty.to_vec();
-    for (cell, row) in cells.iter().zip(rows.chunks_exact(channels)) {
-        assembled[*cell as usize * channels..][..channels].copy_from_slice(row);
-    }
+    let assembled = mluc_tests::feature_map(backbone, empty.to_vec())?;
     backbone.run_observed(points, Coverage::Everywhere, &mut |_| ());
     let (_, dense) = backbone.last_rows()?;
     assert_eq!(dense.len(), assembled.len());

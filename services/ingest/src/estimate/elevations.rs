@@ -45,9 +45,8 @@ impl Elevations {
 
     /// Adds the returns of another histogram.
     pub(super) fn add_all(&mut self, other: &Elevations) {
-        for (own, count) in self.counts.iter_mut().zip(&other.counts) {
-            *own += count;
-        }
+        let counts = self.counts.iter_mut().zip(&other.counts);
+        counts.for_each(|(own, count)| *own += count);
         self.total += other.total;
     }
 

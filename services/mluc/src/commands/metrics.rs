@@ -64,6 +64,7 @@ fn of_stages(snapshot: &Snapshot, samples: &mut Vec<Sample>) {
         if let Some(health) = health {
             let refused = health.messages_refused as f64;
             add("mluc_stage_refused_total", "", refused);
+            add("mluc_stage_dropped_total", "", health.frames_dropped as f64);
             let us = [health.run_p50_us, health.run_p99_us, health.run_max_us];
             for (quantile, us) in ["0.5", "0.99", "1"].iter().zip(us) {
                 let label = format!(",quantile=\"{quantile}\"");

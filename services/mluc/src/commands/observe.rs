@@ -39,7 +39,7 @@ pub(super) fn instance(name: Option<&str>) -> Result<Instance, UsageError> {
 pub(super) fn running(name: Option<&str>) -> anyhow::Result<Instance> {
     let instance = instance(name)?;
     let (root, name) = (instance.root(), instance.name());
-    ensure!(root.exists(), "no pipeline runs under the name '{name}'");
+    ensure!(root.exists(), "no pipeline of yours is named '{name}'");
     Ok(instance)
 }
 

@@ -45,7 +45,7 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
     if let (Some(priority), None) = (own.priority, args.supervised_by) {
         let numbers = [u32::from(priority), std::process::id()].map(|n| n.to_string());
         let mut chrt = Command::new("chrt");
-        let _ = chrt.args(["--fifo", "--pid"]).args(numbers).output();
+        let _ = chrt.args(["-f", "-p"]).args(numbers).output();
         if let Err(error) = own.check_right(stage.name()) {
             tracing::warn!("{error}; the stage runs without it");
         }

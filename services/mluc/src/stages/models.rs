@@ -96,7 +96,7 @@ fn start<T: Send + 'static>(next: PinnedModel, make: Arc<Make<T>>) -> JoinHandle
 /// Runs at low priority, so that the threads of the frames go first. Only `chrt` gives a real-time priority and takes it away.
 fn load<T: Send>(next: &PinnedModel, make: &Make<T>) -> anyhow::Result<T> {
     let thread = gettid().as_raw_nonzero().to_string();
-    let words = ["--other", "--pid", "0", &thread];
+    let words = ["-o", "-p", "0", &thread];
     let _ = Command::new("chrt").args(words).output();
     let _ = nice(10);
     let model = Model::read(&next.file)?;

@@ -15,7 +15,7 @@ use smart_default::SmartDefault;
 
 use super::predecessor::{MARK, mark};
 use crate::settings::{RestartPolicy, Settings, StageSettings};
-use crate::{EXIT_USAGE, external::own_program};
+use crate::{EXIT_USAGE, UsageError, external::own_program};
 
 /// First delay of a restart if no frame was published since the last restart; each further delay is twice as long.
 const DELAY_FIRST: Duration = Duration::from_millis(50);
@@ -286,7 +286,8 @@ impl Child {
         let name = self.stage.name();
         self.count_death();
         if code == Some(i32::from(EXIT_USAGE)) && !self.is_foreign {
-            bail!("stage {name} refuses its settings (see above)");
+            let text = format!("stage {name} refuses its settings (see above)");
+            return Err(UsageError(text).into());
         }
         self.failures += 1;
         let limit = settings.restart_limit;

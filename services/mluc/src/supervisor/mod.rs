@@ -237,15 +237,17 @@ fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> 
         }
     }
     let is_foreign = |stage: Stage| settings.stages[stage].command.is_some();
-    let has_scores = settings.min_score.or(settings.min_unknown_score).is_some();
-    if is_foreign(Stage::Refiner) && (has_scores || settings.track.is_some()) {
+    let (own, default) = (settings, Settings::default());
+    let has_scores = own.min_score.or(own.min_unknown_score).is_some() || own.track.is_some();
+    let has_others = own.profile != default.profile || own.robot != default.robot;
+    if is_foreign(Stage::Refiner) && (has_scores || has_others) {
         let whose = "are for our own refiner: the program in its place chooses by itself";
-        tracing::warn!("min_score, min_unknown_score and track {whose}");
+        tracing::warn!("profile, min_score, min_unknown_score, [robot] and track {whose}");
     }
-    if is_foreign(Stage::Ingest) && settings.pace == Pace::Complete {
-        tracing::warn!(
-            "pace complete is our own ingest's: the program in its place sends as it likes"
-        );
+    let is_timed = own.pace == Pace::Complete || own.seconds.or(own.rate_hz).is_some();
+    if is_foreign(Stage::Ingest) && (is_timed || own.repeat) {
+        let whose = "are for our own ingest: the program in its place sends as it likes";
+        tracing::warn!("pace, rate, seconds and loop {whose}");
     }
     let input = settings.input.as_deref();
     for option in input.map_or(vec![], |input| idle_options(input, &settings.layout)) {

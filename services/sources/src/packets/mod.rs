@@ -65,10 +65,8 @@ pub struct Datagram<'a> {
 /// One turn of the sensor. The lists of points and times have the same length; both are in the order of the shots.
 #[derive(Clone, Debug, Default)]
 pub struct Revolution {
-    /// Time of the first shot by the sensor's clock, ns.
+    /// Time of the first shot by the sensor's clock, ns: UTC since 1970 (a Velodyne's hour is the receiver's), PTP time, or since an Ouster was switched on.
     pub stamp_ns: u64,
-    /// `stamp_ns` counts UTC since 1970 (a Velodyne's hour is from the receiver's clock). Else: PTP time, or time since an Ouster was switched on.
-    pub is_utc: bool,
     /// Time of arrival of the first datagram, UTC, ns since 1970.
     pub received_ns: u64,
     /// At most [`POINTS_MAX`](mluc_ipc_types::POINTS_MAX).
@@ -149,14 +147,10 @@ impl<'a> Detector<'a> {
             }
             return Ok(None);
         };
-        let is_utc = match &family {
-            Family::Ouster(metadata) => metadata.is_utc,
-            _ => true,
-        };
         Ok(Some(Decoder {
             family,
             sensor: (datagram.from.ip(), datagram.to_port),
-            sweep: Sweep::new(is_utc),
+            sweep: Sweep::default(),
         }))
     }
 

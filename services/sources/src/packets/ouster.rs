@@ -32,7 +32,6 @@ static PROFILES: LazyLock<Vec<Profile>> = LazyLock::new(|| {
 #[derive(Clone, Debug)]
 pub struct Metadata {
     pub(super) product: String,
-    pub(super) is_utc: bool,
     profile: &'static Profile,
     /// Columns per frame.
     pub columns: usize,
@@ -82,7 +81,6 @@ struct Fields {
     columns_per_packet: Option<usize>,
     pixels_per_column: Option<usize>,
     column_window: Option<[usize; 2]>,
-    timestamp_mode: Option<String>,
     prod_line: Option<String>,
 }
 
@@ -170,7 +168,6 @@ impl Metadata {
         let (ranks, packets_per_frame) = ranks(window, columns, columns_per_packet);
         Ok(Metadata {
             product: format!("Ouster {}", fields.prod_line.as_deref().unwrap_or("OS")),
-            is_utc: fields.timestamp_mode.as_deref() == Some("TIME_FROM_SYNC_PULSE_IN"),
             profile,
             columns,
             rows,

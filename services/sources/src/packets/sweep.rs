@@ -34,17 +34,6 @@ pub(super) struct Sweep {
 }
 
 impl Sweep {
-    pub(super) fn new(is_utc: bool) -> Sweep {
-        let revolution = Revolution {
-            is_utc,
-            ..Revolution::default()
-        };
-        Sweep {
-            revolution,
-            ..Sweep::default()
-        }
-    }
-
     /// Takes a packet's sequence number, which counts modulo `modulus`.
     pub(super) fn sequence(&mut self, sequence: u64, modulus: u64) {
         self.lost_before = 0;
@@ -106,7 +95,7 @@ impl Sweep {
         let last = last.unwrap_or(azimuth_cdeg);
         let passes_zero =
             last > azimuth_cdeg + BACK_CDEG || azimuth_cdeg > last.saturating_add(18_000);
-        let age_ns = stamp_ns.saturating_sub(self.revolution.stamp_ns);
+        let age_ns = stamp_ns.abs_diff(self.revolution.stamp_ns);
         let goes_on = stamp_ns > self.last_column_ns;
         self.last_column_ns = stamp_ns;
         // A late packet begins no new turn. At the border, packets pass 0 more than once.

@@ -148,7 +148,7 @@ fn passes_on(line: &Value, sound: &Frame, spoiled: &Frame) -> bool {
 }
 
 fn hostile_values(session: &mut Session) -> Outcome {
-    let spoils: [(&str, Spoil); 14] = [
+    let spoils: [(&str, Spoil); 15] = [
         ("600 objects", |f| f.objects.resize(600, f.objects[0])),
         ("centre NaN", |f| f.objects[0].center_m[0] = f32::NAN),
         ("class 4294967295", |f| f.objects[0].class_id = u32::MAX),
@@ -159,6 +159,7 @@ fn hostile_values(session: &mut Session) -> Outcome {
         ("gate 7", |f| f.objects[0].gate = 7),
         ("P(unknown) 7", |f| f.objects[2].unknown_probability = 7.0),
         ("4e9 corners", |f| f.objects[0].footprint_count = u32::MAX),
+        ("outline clockwise", |f| f.objects[0].footprint_m.swap(0, 1)),
         ("suppressor 2^31", |f| f.objects[1].suppressed_by = 1 << 31),
         ("2^31 points", |f| f.objects[2].points_count = 1 << 31),
         ("indices 2^32-2", |f| f.indices.fill(u32::MAX - 1)),

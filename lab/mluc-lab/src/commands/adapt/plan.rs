@@ -127,7 +127,7 @@ impl Plan {
     fn probed(request: Request, out: &Path) -> anyhow::Result<Plan> {
         print_err("a short probe of this machine");
         let start = Instant::now();
-        let folder = out.join("probe");
+        let folder = out.join(".probe");
         if folder.exists() {
             std::fs::remove_dir_all(&folder).context("the probe's folder")?;
         }

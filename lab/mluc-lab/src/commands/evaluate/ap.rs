@@ -6,7 +6,7 @@ use clap::Args;
 use mluc_evaluate::{Breakdown, ClassReport, UnknownProtocol, evaluate};
 use mluc_evaluate::{input::rings, paired, render, unevaluated};
 use serde_json::json;
-use std::path::PathBuf;
+use std::{fs::File, io::BufRead, io::BufReader, path::PathBuf};
 
 /// Average precision as KITTI's object devkit computes it, and open-set figures.
 ///
@@ -47,8 +47,10 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
         "expected as many --beside as --labels ({expected}), in the same order, found {found}"
     );
     let (sources, input) = compared.read(&compared.detections, &arguments.scans)?;
-    for path in compared.detections.iter().filter(|path| path.is_file()) {
-        if std::fs::read_to_string(path)?.contains("\"low_score\"") {
+    let files = compared.detections.iter().chain(&arguments.beside);
+    for path in files.filter(|path| path.is_file()) {
+        let mut lines = BufReader::new(File::open(path)?).lines();
+        if lines.any(|line| line.is_ok_and(|line| line.contains("\"low_score\""))) {
             let path = path.display();
             print_err(format_args!(
                 "warning: {path}: objects of low scores were left out, which lowers AP: write it with --profile all"

@@ -52,7 +52,7 @@ pub(crate) struct ModelArguments {
     write_threshold: bool,
     /// Write the scores of the operating profiles into the model file: the lowest at which the upper 95 % bound of the objects a scan on
     /// no label is at most 0.1 unknown (in each third of the scans by their points) and 0.2 known (quiet), 0.3 and 0.5 (balanced).
-    /// And how likely an object is one, by score and range.
+    /// And how likely an object is one, by score and range. Scans count as independent: those of one drive give scores that are too low.
     /// Needs --refiner range-scaled, as a run has it.
     #[arg(long)]
     write_profiles: bool,
@@ -118,6 +118,11 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     };
     let judgement = judge(&model, &set, &frames, &unknown, &settings)?;
     warn_unrecognized(labels(), &judgement.rules);
+    ensure!(
+        !arguments.write_threshold || judgement.unknown_labels() > 0,
+        "--write-threshold: expected labels of the unknown classes ({}) that count at moderate, found none",
+        unknown.join(", ")
+    );
     let is_swept = arguments.sweep || arguments.write_threshold;
     let sweep = is_swept.then(|| {
         counted("thresholds", set.names().len(), |step| {
@@ -128,7 +133,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let (mut choice, mut profiles) = (None, None);
     if let (Some(sweep), true) = (&sweep, arguments.write_threshold) {
         let (gate, variant) = (ModelGate::of(&model), settings.variant.name());
-        let chosen = choose_threshold(gate, sweep, &judgement, &set.describe(), variant)?;
+        let chosen = choose_threshold(gate, sweep, &judgement, &set.describe(), variant);
         write_threshold(path, &model, &chosen)?;
         choice = Some(chosen);
     }

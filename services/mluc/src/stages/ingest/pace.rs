@@ -36,7 +36,8 @@ pub(crate) fn sensor(sender: &mut Sender, settings: &Settings, first: u64) -> an
         }
         let mut due_ns = begun_ns + offset_ns.saturating_sub(first_ns);
         if sender.source.is_live() {
-            due_ns = monotonic_ns();
+            let waited = sender.loaded.scan.arrived.map(|at| at.elapsed());
+            due_ns = monotonic_ns() - waited.unwrap_or_default().as_nanos() as u64;
         }
         if due_ns >= end_ns {
             break;
@@ -147,8 +148,8 @@ fn await_supervisor(sender: &mut Sender, sequence: u64) -> anyhow::Result<()> {
 /// Waits for the objects of a frame. False: `patience_ns` is over, a later stage was restarted, or this process was asked to end.
 fn await_objects(sender: &mut Sender, sequence: u64, patience_ns: u64) -> anyhow::Result<bool> {
     let deadline_ns = monotonic_ns() + patience_ns;
-    sender.downstream.watch.update()?;
-    let pids = sender.downstream.pids();
+    sender.watch.update()?;
+    let pids = sender.pids_behind();
     loop {
         while let Some(objects) = sender.objects.oldest()? {
             let (header, wanted) = (objects.header(), sequence..sequence + 1);
@@ -157,8 +158,8 @@ fn await_objects(sender: &mut Sender, sequence: u64, patience_ns: u64) -> anyhow
                 return Ok(true);
             }
         }
-        sender.downstream.watch.update()?;
-        let mut pairs = pids.into_iter().zip(sender.downstream.pids());
+        sender.watch.update()?;
+        let mut pairs = pids.into_iter().zip(sender.pids_behind());
         let is_restarted = pairs.any(|(then, now)| then != 0 && now != 0 && then != now);
         if sender.shell.is_stopping() || monotonic_ns() >= deadline_ns || is_restarted {
             return Ok(false);

@@ -34,7 +34,7 @@ pub(crate) struct Sender<'a> {
     pub(crate) shell: &'a mut Shell,
     pub(crate) source: Source,
     pub(crate) objects: Input<Object>,
-    pub(crate) downstream: DownstreamStages,
+    pub(crate) watch: HealthWatch,
     output: Output<Point>,
     suspicion: Suspicion,
     /// A copy of the last scan, which is checked after it was sent.
@@ -56,10 +56,7 @@ impl Sender<'_> {
     ) -> Result<Sender<'a>> {
         let output = shell.output::<Point>(&Topic::POINTS, POINTS_MAX)?;
         let objects = shell.input::<Object>(&Topic::OBJECTS)?;
-        let downstream = DownstreamStages {
-            watch: shell.health_watch()?,
-            silent_since_ns: None,
-        };
+        let watch = shell.health_watch()?;
         let make =
             move |model: &Model| Ok(Guard::new(Expected::new(&model.manifest, sensor.clone())));
         let guards = Models::new(shell, model, make(model)?, make);
@@ -70,7 +67,7 @@ impl Sender<'_> {
             shell,
             source,
             objects,
-            downstream,
+            watch,
             output,
             suspicion: Suspicion {
                 guards,
@@ -85,13 +82,20 @@ impl Sender<'_> {
         })
     }
 
+    /// Process ids of the later stages; 0: no heartbeat yet.
+    pub(crate) fn pids_behind(&self) -> [u32; 3] {
+        BEHIND.map(|stage| self.watch.of(stage).map_or(0, |health| health.pid))
+    }
+
     /// Waits until all later stages take frames; false: asked to end.
     pub(crate) fn wait_until_ready(&mut self) -> Result<bool, RuntimeError> {
         let begun = Instant::now();
         let mut said = String::new();
         while !self.shell.is_stopping() {
-            self.downstream.watch.update()?;
-            let missing = self.downstream.missing(&self.objects);
+            self.watch.update()?;
+            let missing = BEHIND.into_iter();
+            let missing = missing.filter(|stage| !self.watch.is_ready(*stage));
+            let missing: Vec<_> = missing.map(Stage::name).collect();
             if missing.is_empty() {
                 self.suspicion.tell(self.shell)?;
                 return Ok(true);
@@ -305,33 +309,3 @@ impl Suspicion {
 
 /// The stages that a frame still has to pass.
 const BEHIND: [Stage; 3] = [Stage::Backbone, Stage::Head, Stage::Refiner];
-/// A stage of ours sends a heartbeat within this time after it opens its topics.
-const HEARTBEAT_PATIENCE_NS: u64 = 500_000_000;
-
-pub(crate) struct DownstreamStages {
-    pub(crate) watch: HealthWatch,
-    /// Since when `objects` has a producer that sends no heartbeats.
-    silent_since_ns: Option<u64>,
-}
-
-impl DownstreamStages {
-    /// The stages that are not ready. A refiner that sends no heartbeats (a foreign program) counts as ready some time after it opens `objects`.
-    pub(crate) fn missing(&mut self, objects: &Input<Object>) -> Vec<&'static str> {
-        let is_silent = self.watch.of(Stage::Refiner).is_none() && objects.producers() > 0;
-        let now_ns = monotonic_ns();
-        let since_ns = *self.silent_since_ns.get_or_insert(now_ns);
-        if !is_silent {
-            self.silent_since_ns = None;
-        }
-        let is_foreign = is_silent && now_ns - since_ns > HEARTBEAT_PATIENCE_NS;
-        let is_ready =
-            |stage: Stage| self.watch.is_ready(stage) || (stage == Stage::Refiner && is_foreign);
-        let missing = BEHIND.into_iter().filter(|stage| !is_ready(*stage));
-        missing.map(Stage::name).collect()
-    }
-
-    /// Process ids of the stages; 0: no heartbeat yet.
-    pub(crate) fn pids(&self) -> [u32; 3] {
-        BEHIND.map(|stage| self.watch.of(stage).map_or(0, |health| health.pid))
-    }
-}
