@@ -82,7 +82,7 @@ def is_probability(values):
 
 def are_convex(objects):
     """Whether outlines are convex and counter-clockwise, as `mluc up` demands: to 1 mm and the rounding of f32 far from the sensor."""
-    count, corners = objects["footprint_count"][:, None], np.arange(FOOTPRINT_MAX)
+    count, corners = np.minimum(objects["footprint_count"], FOOTPRINT_MAX)[:, None], np.arange(FOOTPRINT_MAX)
     at = objects["footprint_m"].reshape(-1, FOOTPRINT_MAX, 2).astype(float)
     is_used = corners < count
     at[~is_used] = 0

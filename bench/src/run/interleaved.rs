@@ -50,13 +50,13 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
     let all = 2 * plan.rounds;
     let asked = Shutdown::on_signals()?;
     for number in 0..all {
-        ensure!(!asked.is_requested(), "interrupted: the rounds so far stay");
         let side = usize::from(matches!(number % 4, 1 | 2));
         let (own, round) = (&mut sides[side], number / 2);
         let text = format!("{}, {} of {all}", own.name, number + 1);
         show(&progress, f64::from(number) / f64::from(all), text);
         let folder = out.join(FOLDERS[side]).join(format!("round-{round}"));
         is_flawed |= own.measure(plan, &folder)?;
+        ensure!(!asked.is_requested(), "interrupted: the rounds so far stay");
         own.add(&folder, round)?;
     }
     drop(progress);

@@ -34,7 +34,7 @@ impl Difficulty {
     /// Whether a detection is too small in the image to count; the devkit truncates its height to whole pixels.
     pub fn is_too_small(self, detection: &Label) -> bool {
         let [_, top, _, bottom] = detection.image_box_px;
-        (bottom - top).abs().trunc() < self.height_min_px()
+        detection.image_box_px != [0.0; 4] && (bottom - top).abs().trunc() < self.height_min_px()
     }
 }
 

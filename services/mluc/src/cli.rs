@@ -153,7 +153,7 @@ pub(crate) struct PipelineArgs {
     #[arg(long = "loop", help_heading = INPUT)]
     #[serde(rename = "loop", skip_serializing_if = "std::ops::Not::not")]
     pub(crate) repeat: bool,
-    /// End this many seconds after the first scan, by the clock.
+    /// End this many seconds after all stages are ready, by the clock.
     #[arg(long, help_heading = INPUT)]
     pub(crate) seconds: Option<f64>,
     /// Name of this pipeline: two with different names run side by side [default: MLUC_INSTANCE, else default; `demo`: a name of its own].

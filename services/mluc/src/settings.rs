@@ -116,7 +116,7 @@ pub struct Settings {
     /// Begin again after the last scan.
     #[serde(rename = "loop")]
     pub repeat: bool,
-    /// End after so many seconds of input.
+    /// End so many seconds after all stages are ready.
     pub seconds: Option<f64>,
     /// Objects that leave later are flagged `late`.
     pub budget_ms: Option<u64>,

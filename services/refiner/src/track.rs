@@ -19,7 +19,7 @@ const MOVED_MIN_M: f64 = 1.5;
 const STRAIGHT_MIN: f64 = 0.9;
 /// A track that was not seen for this many windows of sequence numbers is forgotten, even if few of these frames came.
 const WINDOWS_MAX: u64 = 4;
-/// After a longer silence of the sensor, or step of its clock, ns, no track is found again.
+/// After a longer step of the stamps, ns, and four times the one before it, no track is found again: the sensor was silent.
 const SILENCE_MAX_NS: u64 = 4_000_000_000;
 /// Maximum distance that an object seen once moves until the next frame, m: 40 m/s at 10 Hz.
 const WAY_MAX_M: f64 = 4.0;
@@ -111,6 +111,8 @@ pub struct Tracker {
     frame: u64,
     /// Run, source of the sensor's pose ([`EgoPose::is_known`]), sequence and stamp (ns) of the last frame.
     last: Option<[u64; 4]>,
+    /// The last step of the stamps, ns.
+    step_ns: u64,
 }
 
 impl Tracker {
@@ -124,6 +126,7 @@ impl Tracker {
             next_id: 0,
             frame: 0,
             last: None,
+            step_ns: 0,
         })
     }
 
@@ -183,9 +186,10 @@ impl Tracker {
     fn age(&mut self, now @ [.., sequence, stamp_ns]: [u64; 4]) {
         // The run began anew, the frame of reference changed, or the sensor was silent: no track can be found again.
         let last = self.last.replace(now);
-        if last.is_some_and(|last| now[..2] != last[..2] || sequence < last[2])
-            || last.is_some_and(|last| stamp_ns.abs_diff(last[3]) > SILENCE_MAX_NS)
-        {
+        let step_ns = last.map_or(0, |last| stamp_ns.abs_diff(last[3]));
+        let was_silent = step_ns > SILENCE_MAX_NS.max(4 * self.step_ns);
+        self.step_ns = step_ns.min(u64::MAX / 4);
+        if was_silent || last.is_some_and(|last| now[..2] != last[..2] || sequence < last[2]) {
             self.tracks.clear();
         }
         match last {

@@ -148,9 +148,8 @@ impl RenderArguments {
         };
         let Some(calibration) = given_or_beside(scan, &self.calib, "calib") else {
             let path = path.display();
-            print_err(format_args!(
-                "{path}: not drawn: labels need a calibration (--calib)"
-            ));
+            ensure!(self.labels.is_none(), "{path}: labels need --calib");
+            print_err(format_args!("{path}: not drawn: no calibration"));
             return Ok(Vec::new());
         };
         let boxes = read_boxes(&path, &calibration)?.into_iter();

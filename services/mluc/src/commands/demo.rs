@@ -31,12 +31,6 @@ pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<Exi
     if args.config.is_none() && !is_live {
         args.pace.get_or_insert(Pace::Complete);
     }
-    let about = || format!("writing {}", picture.display());
-    let probe = std::fs::File::options()
-        .create(true)
-        .append(true)
-        .open(picture);
-    probe.with_context(about)?;
     let own = || format!("demo-{}", std::process::id());
     args.instance.get_or_insert_with(own);
     let settings = Settings::resolve(args.clone())?;
@@ -64,7 +58,8 @@ pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<Exi
         ..View::around()
     };
     let canvas = bird_eye(bytemuck::cast_slice(&best.points), &best.boxes, &view);
-    std::fs::write(picture, canvas.png()).with_context(about)?;
+    std::fs::write(picture, canvas.png())
+        .with_context(|| format!("writing {}", picture.display()))?;
     let picture = picture.display();
     say(format!("picture of frame {}: {picture}", best.name))?;
     Ok(shown.summary.exit_code(&outcome))

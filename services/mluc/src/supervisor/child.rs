@@ -261,9 +261,10 @@ impl Child {
         let Some(heartbeat) = health.of(self.stage) else {
             return;
         };
+        self.run_max_us = self.run_max_us.max(heartbeat.run_max_us);
         let limit_ms = match heartbeat.frames_out {
             0 => own.start_max_ms,
-            _ => heartbeat_limit_ms(own, heartbeat.run_max_us),
+            _ => heartbeat_limit_ms(own, self.run_max_us),
         };
         let since_ns = health.heard_ns(self.stage).max(regular_since_ns);
         let silent_ns = monotonic_ns().saturating_sub(since_ns);

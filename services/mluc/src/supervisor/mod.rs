@@ -244,10 +244,10 @@ fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> 
         let whose = "are for our own refiner: the program in its place chooses by itself";
         tracing::warn!("profile, min_score, min_unknown_score, [robot] and track {whose}");
     }
-    let is_timed = own.pace == Pace::Complete || own.seconds.or(own.rate_hz).is_some();
+    let is_timed = own.pace == Pace::Complete || own.seconds.is_some();
     if is_foreign(Stage::Ingest) && (is_timed || own.repeat) {
         let whose = "are for our own ingest: the program in its place sends as it likes";
-        tracing::warn!("pace, rate, seconds and loop {whose}");
+        tracing::warn!("pace, seconds and loop {whose}");
     }
     let input = settings.input.as_deref();
     for option in input.map_or(vec![], |input| idle_options(input, &settings.layout)) {
@@ -313,7 +313,7 @@ impl Supervisor {
         }
     }
 
-    /// Whether our own stages take frames, or were given up; a foreign stage may send no heartbeats.
+    /// Whether our own stages take frames, or were given up.
     fn is_ready(&self) -> bool {
         let is_own = |stage: &Stage| {
             let own = &self.settings.stages[*stage];

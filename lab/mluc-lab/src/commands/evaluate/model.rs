@@ -118,11 +118,9 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     };
     let judgement = judge(&model, &set, &frames, &unknown, &settings)?;
     warn_unrecognized(labels(), &judgement.rules);
-    ensure!(
-        !arguments.write_threshold || judgement.unknown_labels() > 0,
-        "--write-threshold: expected labels of the unknown classes ({}) that count at moderate, found none",
-        unknown.join(", ")
-    );
+    let lacks = arguments.write_threshold && judgement.unknown_labels() == 0;
+    let classes = unknown.join(", ");
+    ensure!(!lacks, "--write-threshold: no label of {classes} counts");
     let is_swept = arguments.sweep || arguments.write_threshold;
     let sweep = is_swept.then(|| {
         counted("thresholds", set.names().len(), |step| {
