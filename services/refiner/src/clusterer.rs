@@ -100,8 +100,8 @@ impl Clusterer for ScanClusterer {
     fn match_cluster(&mut self, task: &mut FrameTask, proposal: &mut Proposal) -> bool {
         let matched = self.matcher.find(&self.finder, &proposal.shape);
         let reach_m = matched.map_or(reach_m(&proposal.shape), |(_, distance_m)| distance_m);
-        if let Some((by, distance_m)) = nearest_known(task.known, &proposal.shape)
-            && reach_m > NEAR_M
+        if reach_m > NEAR_M
+            && let Some((by, distance_m)) = nearest_known(task.known, &proposal.shape)
             && (distance_m <= NEAR_M || (matched.is_some() && distance_m < reach_m))
         {
             // All points that the proposal is about belong to the known object.

@@ -113,11 +113,10 @@ fn clash(unknown: &Proposal, known: &Proposal, own: &[u32], scan: &[Point]) -> O
         let inside = inside.filter(|p| grown.contains([p.x_m, p.y_m, p.z_m].map(f64::from)));
         inside.count() as f64 / own.len().max(1) as f64
     };
-    let (near, share) = (share(KNOWN_NEAR_M), share(KNOWN_MARGIN_M));
-    let iou = iou_bev(&unknown.shape, &known.shape);
-    let is_near = own.is_empty() || near > 0.0;
-    let is_clash = share > KNOWN_POINTS_SHARE || (iou > KNOWN_IOU && is_near);
-    is_clash.then_some(share.max(iou))
+    let (covered, iou) = (share(KNOWN_MARGIN_M), iou_bev(&unknown.shape, &known.shape));
+    let is_near = || own.is_empty() || share(KNOWN_NEAR_M) > 0.0;
+    let is_clash = covered > KNOWN_POINTS_SHARE || (iou > KNOWN_IOU && is_near());
+    is_clash.then_some(covered.max(iou))
 }
 
 #[cfg(test)]
