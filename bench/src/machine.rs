@@ -1,11 +1,10 @@
 //! The machine that a figure belongs to, and the program that was measured: without them a figure means little.
 
-use std::{fs::read_to_string, path::Path, process::Command, time::SystemTime, time::UNIX_EPOCH};
-
 use mluc::placement::usable_cpus;
 use mluc_geometry::{FNV_OFFSET, fnv1a};
 use procfs::{CpuInfo, Current, LoadAverage, Meminfo};
 use serde_json::{Value, json};
+use std::{fs::read_to_string, path::Path, process::Command, time::SystemTime, time::UNIX_EPOCH};
 
 /// Instruction sets that the kernels choose by.
 const EXTENSIONS: &str =

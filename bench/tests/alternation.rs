@@ -1,9 +1,8 @@
 //! Two refiners, and two builds, on the same frames, interleaved.
 
-use std::path::Path;
-
 use mluc_tests::{Running, Setting, assert_has, mluc_program, read_json};
 use serde_json::{Value, json};
+use std::path::Path;
 
 /// Options of a short run, with the two sides interleaved.
 const SHORT: &str = "--seconds 4 --warm-up 0.5 --rate 8 --rounds 2";

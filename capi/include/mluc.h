@@ -124,7 +124,7 @@ typedef struct mluc_header {
     uint32_t flags;
     uint64_t run_id; /* of the run that the frame belongs to */
     uint64_t sequence;
-    uint64_t sensor_stamp_ns;
+    uint64_t sensor_stamp_ns; /* the sensor's own time: ns since 1970 */
     uint32_t sensor_id;
     uint32_t attempt;
     uint32_t points_in;

@@ -1,16 +1,14 @@
 //! The functions that C calls. No panic reaches the caller.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::ptr::{from_ref, null};
-use std::{ffi::CStr, ffi::c_char, time::Duration};
-
+use crate::error::{Code, Failure, last, remember};
+use crate::{consumer::Consumer, refiner::Refiner, source::Source};
 use bytemuck::Zeroable;
 use mluc_ipc_types::{
     Detection, Flags, FrameHeader, Object, Point, RunDescription, Status, WIRE_VERSION,
 };
-
-use crate::error::{Code, Failure, last, remember};
-use crate::{consumer::Consumer, refiner::Refiner, source::Source};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ptr::{from_ref, null};
+use std::{ffi::CStr, ffi::c_char, time::Duration};
 
 /// `mluc_frame` in C: where a frame lies in shared memory. Readable until the next call with the same handle.
 #[derive(Clone, Copy, Debug, Zeroable)]

@@ -1,14 +1,12 @@
 //! A consumer's process: the newest frame of a pipeline, and the pipeline's status.
 
-use std::time::Duration;
-
+use crate::error::{Code, Failure};
 use mluc_ipc_types::{FrameHeader, Object, Point, RunDescription, Status, Topic};
 use mluc_runtime::{
     Frames, Input, Instance, Message, Next, RuntimeError, Scans, Shell, Shutdown, StatusWatch,
     log_to_stderr, monotonic_ns,
 };
-
-use crate::error::{Code, Failure};
+use std::time::Duration;
 
 /// Ports, and the frame that was given last.
 pub(crate) struct Consumer {

@@ -1,9 +1,8 @@
 //! Errors as codes; each thread keeps the message of its last error.
 
-use std::{cell::RefCell, ffi::CString, ffi::c_char};
-
 use mluc_ipc_types::ContractError;
 use mluc_runtime::RuntimeError;
+use std::{cell::RefCell, ffi::CString, ffi::c_char};
 
 /// What a call returns. Negative: an error, and `mluc_last_error` says more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

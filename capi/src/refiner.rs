@@ -1,7 +1,6 @@
 //! A refiner's process, without the refining.
 
-use std::time::Duration;
-
+use crate::error::{Code, Failure};
 use mluc_ipc_types::{
     ContractError, Detection, Flags, FrameHeader, HealthState, OBJECT_POINTS_MAX, OBJECTS_MAX,
     Object, Point, RunDescription, Stage, Topic,
@@ -10,8 +9,7 @@ use mluc_runtime::{
     Frames, Instance, Message, Next, Output, RuntimeError, Scans, Shell, Shutdown, finish,
     log_to_stderr, monotonic_ns, stamp_published,
 };
-
-use crate::error::{Code, Failure};
+use std::time::Duration;
 
 /// Ports, health and the frame in work.
 pub(crate) struct Refiner {

@@ -1,15 +1,13 @@
 //! A source's process: it brings the scans of a foreign program into shared memory, in ingest's place.
 
-use std::time::{Duration, Instant};
-
+use crate::error::{Code, Failure};
 use mluc_ingest::{decode_bin, inspect_bin};
 use mluc_ipc_types::{FrameHeader, Health, HealthState, POINTS_MAX, Point, Stage, Topic};
 use mluc_runtime::{
     HealthWatch, Instance, Output, RuntimeError, Shell, Shutdown, StatusWatch, finish,
     log_to_stderr, monotonic_ns, stamp_published, wall_clock_ns,
 };
-
-use crate::error::{Code, Failure};
+use std::time::{Duration, Instant};
 
 /// Time between two polls.
 const TICK: Duration = Duration::from_millis(20);

@@ -1,7 +1,5 @@
 //! The C functions, called as C calls them; the same process plays the stages before and after the refiner.
 
-use std::{ffi::CStr, ptr::null_mut};
-
 use bytemuck::Zeroable;
 use mluc_capi::{
     Code, MlucFrame, MlucRefiner, mluc_last_error, mluc_refiner_close, mluc_refiner_open,
@@ -12,6 +10,7 @@ use mluc_ipc_types::{
     Object, ObjectKind, Point, RunDescription, Stage, Topic, WIRE_VERSION,
 };
 use mluc_runtime::{ClaimNote, Input, Instance, Output, Shell, Shutdown, monotonic_ns};
+use std::{ffi::CStr, ptr::null_mut};
 
 /// A run of a model with two classes.
 fn description(run_id: u64) -> RunDescription {

@@ -1,11 +1,10 @@
 //! A box that the head kept (paper section 3.2).
 
+use crate::error::{Result, check_index, check_length, check_value, require};
+use crate::{CLASSES_MAX, ContractError, DETECTIONS_MAX, FrameHeader, text::words};
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
-
-use crate::error::{Result, check_index, check_length, check_value, require};
-use crate::{CLASSES_MAX, ContractError, DETECTIONS_MAX, FrameHeader, text::words};
 
 /// Which side of the gate a detection lies on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

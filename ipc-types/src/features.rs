@@ -4,12 +4,11 @@
 //! then the rows (channels / 16 blocks each). An absent cell equals the model's response to an empty scene, which has no candidate
 //! (`empty_objectness_max` of the manifest). If boxes are measured from the ground, z at its grid nodes ends the message (f32, m, sixteen per block).
 
+use crate::error::{Result, check_equal, check_length, require};
+use crate::{CELLS_MAX, ContractError, FEATURE_CHANNELS_MAX, FrameHeader};
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
-
-use crate::error::{Result, check_equal, check_length, require};
-use crate::{CELLS_MAX, ContractError, FEATURE_CHANNELS_MAX, FrameHeader};
 
 /// 64 bytes, aligned: rows can be read by the widest vector units.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]

@@ -1,13 +1,11 @@
 //! The header that every message carries: which frame, what happened to it, and when.
 
-use std::ops::Range;
-
+use crate::error::{Result, check_equal, check_version, require};
+use crate::{ContractError, NAME_MAX, RunDescription, Text, WIRE_VERSION, text::values};
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
-
-use crate::error::{Result, check_equal, check_version, require};
-use crate::{ContractError, NAME_MAX, RunDescription, Text, WIRE_VERSION, text::values};
+use std::ops::Range;
 
 /// The stages in the order a frame meets them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

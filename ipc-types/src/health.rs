@@ -1,11 +1,10 @@
 //! The heartbeat of a stage, for the supervisor.
 
+use crate::error::{Result, check_version, require};
+use crate::{ContractError, Disposition, Object, ObjectKind, REASON_MAX, Stage, Text, text::words};
 use bytemuck::{Contiguous, Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
-
-use crate::error::{Result, check_version, require};
-use crate::{ContractError, Disposition, Object, ObjectKind, REASON_MAX, Stage, Text, text::words};
 
 /// The states of a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Contiguous)]

@@ -1,14 +1,13 @@
 //! What the robot gets: known and unknown objects, and those that were suppressed, with the reason.
 
-use bytemuck::{Pod, Zeroable};
-#[cfg(feature = "iceoryx2")]
-use iceoryx2::prelude::ZeroCopySend;
-
 use crate::error::{Result, check_index, check_length, check_value, require};
 use crate::{
     ContractError, FOOTPRINT_MAX, FrameHeader, GateKind, OBJECT_POINTS_MAX, OBJECTS_MAX, Stage,
 };
 use crate::{detection::is_probability_or_none, text::words};
+use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "iceoryx2")]
+use iceoryx2::prelude::ZeroCopySend;
 
 /// What an object is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,7 +27,7 @@ pub enum Disposition {
     Published = 0,
     /// A known object covers it; `suppressed_by` says which.
     OverlapsKnown = 1,
-    /// Merged into a better unknown object that covers it, or the known reading of a box whose unknown reading counts; `suppressed_by` says which.
+    /// Merged into a better unknown object that covers it, or a known object that may be unknown, where an unknown one counts; `suppressed_by` says which.
     OverlapsUnknown = 2,
     /// Too few points to be a thing.
     TooFewPoints = 3,

@@ -1,10 +1,9 @@
 //! One LiDAR return.
 
+use crate::{FrameHeader, POINTS_MAX, error::Result, error::check_length};
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
-
-use crate::{FrameHeader, POINTS_MAX, error::Result, error::check_length};
 
 /// Sensor frame: x forward, y left, z up. Finite, as ingest publishes it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

@@ -1,13 +1,12 @@
 //! The data that apply to all frames of one run of a pipeline.
 
-use bytemuck::{Pod, Zeroable};
-#[cfg(feature = "iceoryx2")]
-use iceoryx2::prelude::ZeroCopySend;
-
 use crate::error::{Result, check_value, check_version, require};
 use crate::{
     CLASS_NAME_MAX, CLASSES_MAX, ContractError, GateKind, MEANING_MAX, RUN_NAME_MAX, Text,
 };
+use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "iceoryx2")]
+use iceoryx2::prelude::ZeroCopySend;
 
 /// The one message of the topic `run`: what a stage or a consumer must know besides the frames.
 ///

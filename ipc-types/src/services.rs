@@ -1,11 +1,10 @@
 //! The one table of services: both sides of every topic take their queue settings from here.
 
-use std::time::Duration;
-
 use crate::{
     CELLS_MAX, DETECTIONS_MAX, FEATURE_CHANNELS_MAX, GROUND_NODES_MAX, OBJECT_POINTS_MAX,
     OBJECTS_MAX, POINTS_MAX, feature_blocks,
 };
+use std::time::Duration;
 
 /// Settings of one topic. It has one publisher, and overflow drops the oldest message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,13 +1,11 @@
 //! The current state of the pipeline: whether "no objects" means that nothing is there.
 
-use std::f32::consts::TAU;
-
+use crate::error::{Result, check_version, require};
+use crate::{ContractError, REASON_MAX, Stage, Text, text::words};
 use bytemuck::{Contiguous, Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
-
-use crate::error::{Result, check_version, require};
-use crate::{ContractError, REASON_MAX, Stage, Text, text::words};
+use std::f32::consts::TAU;
 
 /// The states. Only in [`StatusState::Running`] and [`StatusState::Degraded`], a missing object means that nothing is there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Contiguous)]
@@ -36,7 +34,7 @@ impl StatusState {
     }
 }
 
-/// The message of the topic `status`. Its one writer is the supervisor, on every change and every half second. The topic
+/// The message of the topic `status`. Its one writer is the supervisor, with each result, on every change and every half second. The topic
 /// keeps the newest message for late readers. A reader calls [`Status::at`], which detects a supervisor that is gone.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend), type_name("mluc.Status"))]

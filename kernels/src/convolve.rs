@@ -1,12 +1,11 @@
 //! The forward convolution in blocks of rows. With transposed weights and gather it also computes the gradient of its input.
 
-use std::ops::Range;
-
 use crate::{
     Element, Epilogue, Gather, Level, Weights,
     simd::{BLOCK, Kernel, Lists, Operand, Room, Simd, Sum, clamp, convolve_tiles},
     weights::{PANEL_MAX, Panel, panels},
 };
+use std::ops::Range;
 
 /// `output[o] = epilogue(sum over taps t, channels c of input[gather(o, t)][c] * weights[t][c])`.
 ///

@@ -1,12 +1,11 @@
 //! The gradient of the weights.
 
-use rayon::prelude::*;
-
 use crate::{
     Bf16, Element, Gather,
     simd::{Aligned, BLOCK, Kernel, LINE, Level, Lists, Rows, Simd, compiled_here, gradient_tiles},
     weights::{PANEL_MAX, Panel, check, panels},
 };
+use rayon::prelude::*;
 
 /// Maximum number of partial sums per call: enough to keep many cores evenly busy, few enough to add up quickly.
 const PARTS_MAX: usize = 16;

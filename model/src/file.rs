@@ -1,13 +1,11 @@
 //! The model file: safetensors with the manifest as JSON in its metadata.
 
-use std::{borrow::Cow, collections::HashMap, path::Path};
-
+use crate::tensors::{Tensor, WeightSet};
+use crate::{error::ModelError, error::Result, manifest::Manifest};
 use mluc_geometry::{FNV_OFFSET, fnv1a};
 use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, SafeTensors, View};
-
-use crate::tensors::{Tensor, WeightSet};
-use crate::{error::ModelError, error::Result, manifest::Manifest};
+use std::{borrow::Cow, collections::HashMap, path::Path};
 
 /// Metadata key of the manifest.
 const MANIFEST_KEY: &str = "mluc";

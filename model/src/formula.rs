@@ -1,8 +1,7 @@
 //! Weights from a formula: the same on every machine, without a file. For tests and for timing a network before it is trained.
 
-use mluc_geometry::{FNV_OFFSET, Random, fnv1a};
-
 use crate::{network::Network, tensors::WeightSet, tensors::expected_tensors};
+use mluc_geometry::{FNV_OFFSET, Random, fnv1a};
 
 /// A number in [0, 1) for element `index` of the tensor `name`: the first output of SplitMix64 from the state FNV-1a of the name + `index`.
 pub fn formula_uniform(name: &str, index: usize) -> f64 {

@@ -1,8 +1,7 @@
 //! The model file's metadata: what a model was trained for, and with which data and settings.
 
-use serde::{Deserialize, Serialize};
-
 use crate::network::{Network, is_default};
+use serde::{Deserialize, Serialize};
 
 /// A known class and its anchors (two rotations, 0 and 1.57 rad).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,10 +1,8 @@
 //! The two architectures: `second` (the paper's) and `compact` (for a few CPU cores); `profiles.json` lists their layers.
 
-use std::collections::BTreeMap;
-
-use serde::Deserialize;
-
 use crate::network::{Grid, Network};
+use serde::Deserialize;
+use std::collections::BTreeMap;
 
 /// Grids and networks by name; the networks of the file have KITTI's grids and its three classes.
 #[derive(Deserialize)]

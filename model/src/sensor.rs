@@ -1,10 +1,8 @@
 //! The description of a LiDAR: its beams, its range and its mounting. `sensors/*.toml` describes real products; users add their own.
 
-use std::path::Path;
-
-use serde::{Deserialize, Serialize};
-
 use crate::error::ModelError;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// Pose, in the frame of the scan, of one of several equal sensors whose scans are merged: rotated about x (roll), then y (pitch), then z (yaw).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

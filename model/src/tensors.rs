@@ -1,9 +1,8 @@
 //! The tensors of a network by name.
 
-use std::collections::BTreeMap;
-
 use crate::error::{ModelError, Result};
 use crate::network::{Network, calibrated_layers};
+use std::collections::BTreeMap;
 
 /// Tensors with this prefix belong to a baseline of the laboratory that is built on the network; no robot reads them.
 pub const BASELINE: &str = "baseline.";

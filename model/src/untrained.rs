@@ -1,9 +1,8 @@
 //! A manifest before training: anchors and thresholds of the public SECOND configurations, listed in `untrained.json`.
 
-use serde::Deserialize;
-
 use crate::manifest::{AnchorClass, Beams, Manifest, Provenance, Thresholds};
 use crate::network::Network;
+use serde::Deserialize;
 
 /// Height of KITTI's sensor above the ground, m, on which the boxes stand.
 const SENSOR_HEIGHT_M: f32 = 1.73;

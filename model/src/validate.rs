@@ -1,10 +1,9 @@
 //! Bounds of every field of a manifest: no file may make a stage allocate without limit, index out of range or compute meaningless values.
 
-use std::fmt::Display;
-
 use crate::error::{ModelError, Result};
 use crate::manifest::{AnchorClass, Beams, Manifest, Profiles, RangeBand, Takes, Thresholds};
 use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer};
+use std::fmt::Display;
 
 /// Cells of the grid and of each sparse layer's output, rows along x in words of 64: bounds the presence bitmaps (1.5 bits per cell, 25 MiB).
 const GRID_CELLS_MAX: usize = 1 << 27;

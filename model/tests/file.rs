@@ -1,7 +1,5 @@
 //! The model file: what is written can be read again, and every fault is refused with its name.
 
-use std::collections::HashMap;
-
 use mluc_model::{
     CLUSTER_SCORER, CLUSTER_SCORER_VALUES, Grid, Manifest, Model, ModelError, Network,
     Probabilities, RangeBand, WeightSet, calibrated_layers, expected_tensors, formula_weights,
@@ -9,6 +7,7 @@ use mluc_model::{
 };
 use safetensors::tensor::{Dtype, TensorView};
 use serde_json::Value;
+use std::collections::HashMap;
 
 type Fallible = Result<(), Box<dyn std::error::Error>>;
 

@@ -1,15 +1,13 @@
 //! Synthetic models and scans, and a pipeline that runs on them.
 
-use std::{fs, path::Path, path::PathBuf, process::Command, time::Duration};
-
-use rustix::process::Signal;
-use serde_json::Value;
-use tempfile::TempDir;
-
 use crate::running::{Finished, Running, leftovers, mluc_program, unique_instance};
 use mluc_dataset::scan_bytes;
 use mluc_model::{Grid, Manifest, Network, formula_weights, model_bytes};
 use mluc_runtime::{Instance, Shell, Shutdown};
+use rustix::process::Signal;
+use serde_json::Value;
+use std::{fs, path::Path, path::PathBuf, process::Command, time::Duration};
+use tempfile::TempDir;
 
 /// A calibration with KITTI's axes at the sensor, without a camera.
 pub const NO_CAMERA: &str = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\

@@ -1,12 +1,10 @@
 //! Things that not every machine has: external reference data, real scans, refiners in other languages (`.ci/examples` installs their needs).
 
-use std::{io::Write, io::stderr, path::PathBuf, process::Command};
-
+use crate::inputs::root;
 use mluc_backbone::{Backbone, BackboneError};
 use mluc_dataset::{DatasetError, file_stems, read_scan};
 use mluc_model::{Grid, Manifest, Network, VOXELS_MAX};
-
-use crate::inputs::root;
+use std::{io::Write, io::stderr, path::PathBuf, process::Command};
 
 /// Reports in one line that a check did not run. `.ci/run` counts these lines.
 pub fn skip(what: &str, why: &str) {

@@ -1,15 +1,14 @@
 //! Runs `mluc`, or another program's stage, as a process.
 
+use mluc_runtime::{HealthWatch, Instance, Shell, Shutdown};
+use procfs::process::Process;
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use serde_json::Value;
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use std::{ffi::OsStr, path::PathBuf, sync::Arc, sync::Mutex, thread::JoinHandle};
-
-use mluc_runtime::{HealthWatch, Instance, Shell, Shutdown};
-use procfs::process::Process;
-use rustix::process::{Pid, Signal, kill_process, test_kill_process};
-use serde_json::Value;
 
 /// A program next to the tests that cargo built: `target/release/deps/test-1234` has it in `target/release`.
 pub fn built_program(name: &str) -> PathBuf {

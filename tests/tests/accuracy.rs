@@ -1,13 +1,12 @@
 //! Accuracy baselines: the shipped models on the labelled scans of this checkout, through backbone, head and refiner. The
 //! scans are few and simulated: the figures show that nothing broke, not how good a model is.
 
-use std::{collections::BTreeMap, collections::BTreeSet, path::Path};
-
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, judge, unknown_classes};
 use mluc_model::Model;
 use mluc_refiner::Settings;
 use mluc_tests::{NO_CAMERA, root, write_file};
+use std::{collections::BTreeMap, collections::BTreeSet, path::Path};
 
 /// Average precision and recall in %, at the model's own threshold, in 3-D, moderate.
 type Figures = BTreeMap<String, [f64; 2]>;

@@ -1,9 +1,8 @@
 //! Wrong keys in a scenario, a stage that never answers, reports of another version: a clear error comes at once.
 
-use std::{path::Path, time::Duration};
-
 use mluc_tests::{Finished, Running, Setting, write_file};
 use serde_json::json;
+use std::{path::Path, time::Duration};
 
 /// `mluc bench` with words as on a command line.
 fn bench(words: &str) -> Finished {

@@ -1,9 +1,8 @@
 //! `mluc bench` writes a report whose figures are those of the frames in it.
 
-use std::{path::Path, process::Command};
-
 use mluc_tests::{Finished, Setting, assert_has, read_json, root, skip};
 use serde_json::Value;
+use std::{path::Path, process::Command};
 
 /// The measured rows of frames.csv, as columns.
 fn measured(out: &Path) -> Vec<Vec<String>> {

@@ -1,11 +1,10 @@
 //! A stall counts for every frame that it delays, not only for the frame that met it (no coordinated omission).
 
-use std::{path::Path, time::Duration};
-
 use mluc_ipc_types::Stage;
 use mluc_tests::{Setting, read_json, send_signal};
 use rustix::process::Signal;
 use serde_json::Value;
+use std::{path::Path, time::Duration};
 
 const RATE_HZ: f64 = 20.0;
 const STALL: Duration = Duration::from_millis(1500);

@@ -1,8 +1,7 @@
 //! A short run of `tools/chaos`: it kills stages and supervisors, stops stages, and ends runs by two signals. Every loss is counted, nothing is left.
 
-use std::{process::Command, time::Duration};
-
 use mluc_tests::{Running, Setting, assert_has, mluc_program, root, skip};
+use std::{process::Command, time::Duration};
 
 #[test]
 fn chaos_ends_well_and_counts_every_frame() {

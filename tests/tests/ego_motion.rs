@@ -1,11 +1,10 @@
 //! The refiner's estimate of the sensor's motion from scans alone, on simulated drives with known poses.
 
-use std::fs;
-
 use mluc_dataset::read_scan;
 use mluc_ipc_types::FrameHeader;
 use mluc_refiner::{EgoEstimator, FrameIndex};
 use mluc_simulate::{ExportOptions, Family, Split, export};
+use std::fs;
 
 const DRIVES: u32 = 15;
 /// The scans of one second, and the scan at its start.

@@ -1,8 +1,7 @@
 //! Bad input, a full disk, a reader that is gone: a clear error, or a flagged frame and then the next frame; never a panic.
 
-use std::{fs, fs::File, process::Command, process::Stdio};
-
 use mluc_tests::{Running, Setting, assert_has, car_scan, leftovers, mluc_program};
+use std::{fs, fs::File, process::Command, process::Stdio};
 
 /// The run must end with this code, without a line, and its log must have these words.
 #[track_caller]

@@ -1,9 +1,8 @@
 //! Which crate may depend on which, from `cargo metadata`; this includes transitive edges.
 
-use std::{collections::BTreeMap, collections::BTreeSet, sync::LazyLock};
-
 use cargo_metadata::{DependencyKind, Metadata, MetadataCommand};
 use serde::Deserialize;
+use std::{collections::BTreeMap, collections::BTreeSet, sync::LazyLock};
 
 const CONTRACT: &str = "mluc-ipc-types";
 const SHARED_MEMORY: &str = "iceoryx2";

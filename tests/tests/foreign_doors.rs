@@ -1,10 +1,9 @@
 //! External programs at both ends: a source in ingest's place and consumers, the examples in Python and C++.
 
-use std::collections::HashMap;
-
 use mluc_tests::{Running, Setting, cpp_example, leftovers, python_example, send_signal};
 use rustix::process::Signal;
 use serde_json::Value;
+use std::collections::HashMap;
 
 /// Published objects by the frame's name or number.
 fn objects<'a>(lines: &'a [Value], key: &str) -> HashMap<String, &'a Vec<Value>> {

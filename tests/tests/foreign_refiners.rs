@@ -1,13 +1,12 @@
 //! An external program in the refiner's place: started by command, replaced by hand, alive over several runs. No message from
 //! it, however wrong, stops the pipeline's output.
 
-use std::{process::Command, time::Duration};
-
 use mluc_tests::{
     Running, Setting, cpp_example, leftovers, mluc_program, python_example, python_script, root,
     send_signal,
 };
 use rustix::process::Signal;
+use std::{process::Command, time::Duration};
 
 /// The example refiners that are installed.
 fn foreign_refiners() -> Vec<Vec<String>> {

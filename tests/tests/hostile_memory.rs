@@ -1,13 +1,12 @@
 //! Faulty shared memory: full, half-made, kept, rewritten after publication, or accessed by another user.
 
-use std::{fs, fs::File, io::repeat, os::unix::fs::FileExt, os::unix::fs::MetadataExt};
-use std::{process::Command, time::Duration, time::Instant};
-
 use mluc_ipc_types::{Object, Point, Topic};
 use mluc_runtime::{Input, Instance, Message, Payload, Shell};
 use mluc_tests::{Running, Setting, leftovers, send_signal, skip, wait_for};
 use procfs::process::{MMapPath, MemoryMap, Process};
 use rustix::process::{Signal, geteuid};
+use std::{fs, fs::File, io::repeat, os::unix::fs::FileExt, os::unix::fs::MetadataExt};
+use std::{process::Command, time::Duration, time::Instant};
 
 /// A consumer of the pipeline's objects, which needs no model.
 fn consumer(setting: &Setting) -> (Shell, Input<Object>) {

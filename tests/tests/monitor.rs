@@ -1,10 +1,9 @@
 //! `mluc monitor` and `mluc top` next to a running pipeline.
 
-use std::{io::Write, net::TcpStream, process::Command, time::Duration};
-
 use mluc_tests::{Running, Setting, assert_has, mluc_program, wait_for};
 use rustix::process::Signal;
 use serde_json::Value;
+use std::{io::Write, net::TcpStream, process::Command, time::Duration};
 
 /// The whole response to a GET.
 fn get(address: &str, path: &str) -> String {

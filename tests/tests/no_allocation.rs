@@ -1,14 +1,13 @@
 //! After its first frame the path from points to detections allocates no memory: the guard, voxels, sparse and
 //! bird's-eye layers, feature rows, heads, suppression, in every precision.
 
-use std::alloc::System;
-
 use mluc_backbone::{Backbone, Precision};
 use mluc_head::Head;
 use mluc_ingest::{DecodeReport, Expected, Guard};
 use mluc_model::{Grid, Manifest, Network, formula_uniform, formula_weights};
 use mluc_train::quantize::measure_ranges;
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
+use std::alloc::System;
 
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;

@@ -3,14 +3,13 @@
 //! `truth.pcd` has one revolution from another decoder, cut at any angle: our points of one turn are compared with it by nearest neighbour, turned about
 //! z by the number of quarter turns that fits best (printed). `digest.json` has md5 sums of an Ouster's range images.
 
-use std::fs::{read, read_dir, read_to_string};
-use std::path::{Path, PathBuf};
-
 use md5::{Digest, Md5};
 use mluc_sources::packets::{Calibration, Datagram, Metadata, Revolution};
 use mluc_sources::{Scan, files::Format, files::Layout, pcap::Capture};
 use mluc_tests::{oracle, read_json};
 use rstar::RTree;
+use std::fs::{read, read_dir, read_to_string};
+use std::path::{Path, PathBuf};
 
 const NEAR_M: f32 = 0.02;
 const SHARE_MIN: f64 = 0.99;

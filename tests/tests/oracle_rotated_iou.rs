@@ -4,10 +4,9 @@
 //! separating axis, which is a proof: if the footprints lie on two sides of a line, an overlap above the tolerance is impossible, and the test expects 0
 //! instead. Such answers are counted and printed, and may be no more than one in a hundred.
 
-use std::f64::consts::FRAC_PI_2;
-
 use mluc_geometry::{Box3, iou_3d, iou_bev};
 use mluc_tests::{oracle, read_json};
+use std::f64::consts::FRAC_PI_2;
 
 /// Whether a line along a side of `a` or `b` separates the two footprints, to 1 nm.
 fn separated(a: &Box3, b: &Box3) -> bool {

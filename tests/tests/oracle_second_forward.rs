@@ -1,13 +1,12 @@
 //! Compares the paper's network with an independent implementation: every level of every frame that exists, site counts exactly,
 //! sampled values within 1e-3 of the level's rms. It computes every bird's-eye cell once, then the active cells only.
 
-use std::collections::BTreeMap;
-
 use mluc_backbone::{Backbone, Coverage, Level, Place};
 use mluc_head::Head;
 use mluc_model::formula_weights;
 use mluc_tests::{PaperFrame, feature_map, paper_frames, paper_network, read_json, rms};
 use serde::Deserialize;
+use std::collections::BTreeMap;
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 

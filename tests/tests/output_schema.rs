@@ -1,9 +1,8 @@
 //! The output lines match `docs/objects.schema.json`.
 
-use std::sync::LazyLock;
-
 use mluc_tests::{Setting, read_json, root};
 use serde_json::{Value, json};
+use std::sync::LazyLock;
 
 static SCHEMA: LazyLock<Value> =
     LazyLock::new(|| read_json(&root().join("docs/objects.schema.json")));

@@ -1,11 +1,10 @@
 //! All frames pass through four processes and come out in order; nothing is copied, nothing is left behind.
 
-use std::{process::Command, time::Duration};
-
 use mluc_ipc_types::{Stage, WIRE_VERSION};
 use mluc_tests::{Finished, Running, Setting, car_scan, leftovers, mluc_program, unique_instance};
 use rustix::process::Signal;
 use serde_json::Value;
+use std::{process::Command, time::Duration};
 
 #[test]
 fn all_frames_come_out_in_order() {

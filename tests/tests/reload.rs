@@ -1,9 +1,8 @@
 //! SIGHUP and `mluc reload`: other thresholds while the pipeline runs.
 
-use std::{collections::HashMap, process::Command};
-
 use mluc_tests::{Running, Setting, mluc_program, root, send_signal};
 use rustix::process::Signal;
+use std::{collections::HashMap, process::Command};
 
 #[test]
 fn all_stages_take_new_thresholds_from_one_frame_on_and_wrong_ones_change_nothing() {

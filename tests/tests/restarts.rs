@@ -1,11 +1,10 @@
 //! Stages die and are restarted; everything ends when asked, and leaves nothing.
 
-use std::time::{Duration, Instant};
-
 use mluc_ipc_types::Health;
 use mluc_runtime::{Instance, Shell, Shutdown};
 use mluc_tests::{Finished, Setting, is_alive, leftovers, mluc_program, send_signal, wait_for};
 use rustix::process::Signal;
+use std::time::{Duration, Instant};
 
 const SECOND: Duration = Duration::from_secs(1);
 

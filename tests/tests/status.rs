@@ -1,7 +1,5 @@
 //! What the status tells a consumer when no objects come: nothing is there, the sensor is blind, results are late, or the pipeline has stopped.
 
-use std::{process::Command, time::Duration};
-
 use mluc_ipc_types::{Status, StatusState};
 use mluc_runtime::StatusWatch;
 use mluc_tests::{
@@ -10,6 +8,7 @@ use mluc_tests::{
 use procfs::process::Process;
 use rustix::process::Signal;
 use serde_json::{Value, json};
+use std::{process::Command, time::Duration};
 
 const PATIENCE: Duration = Duration::from_secs(30);
 

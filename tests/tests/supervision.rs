@@ -1,12 +1,11 @@
 //! The supervisor, with any behaviour of the reader of its lines, any way to end it, and any way in which it ended before.
 
-use std::io::{PipeReader, PipeWriter, Write};
-use std::process::{Command, Stdio};
-use std::{fs::File, os::unix::net::UnixDatagram, time::Duration};
-
 use mluc_ipc_types::Stage;
 use mluc_tests::{Running, Setting, assert_has, is_alive, leftovers, send_signal, wait_for};
 use rustix::process::Signal;
+use std::io::{PipeReader, PipeWriter, Write};
+use std::process::{Command, Stdio};
+use std::{fs::File, os::unix::net::UnixDatagram, time::Duration};
 
 const SECOND: Duration = Duration::from_secs(1);
 /// The capacity of a pipe.

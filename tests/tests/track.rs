@@ -1,9 +1,8 @@
 //! `--track`: an unknown object waits for its third sighting and keeps its number; known objects do not wait.
 
-use std::collections::BTreeSet;
-
 use mluc_tests::{Setting, car_scan};
 use serde_json::Value;
+use std::collections::BTreeSet;
 
 fn of_kind<'a>(list: &'a Value, kind: &str) -> Vec<&'a Value> {
     let objects = list.as_array().unwrap().iter();

@@ -1,10 +1,9 @@
 //! `mluc record` and `mluc view` next to a running pipeline; packages of other projects read their output (`view/check.py`).
 
-use std::process::Command;
-
 use mluc_sources::{Next, Scan, Source, files::Layout};
 use mluc_tests::{Running, Setting, mluc_program, python_example, root, write_file};
 use rustix::process::Signal;
+use std::process::Command;
 
 #[test]
 fn a_recording_and_a_socket_tell_what_the_pipeline_told() {

@@ -1,11 +1,10 @@
 //! The page's pictures: latency over time, where the time of single frames went, percentiles.
 
+use super::frame::{FrameRecord, STAGES, micros};
+use super::{page::short, series::Series, series::series};
 use mluc_geometry::quantile;
 use plotters::coord::Shift;
 use plotters::prelude::*;
-
-use super::frame::{FrameRecord, STAGES, micros};
-use super::{page::short, series::Series, series::series};
 
 const WIDTH_PX: u32 = 980;
 const FONT: (&str, u32) = ("sans-serif", 12);

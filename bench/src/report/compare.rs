@@ -1,13 +1,12 @@
 //! Decides whether two runs differ or whether the difference is noise.
 
+use super::bootstrap::{Statistic, interval, scatter};
+use super::frame::{FrameRecord, STAGES, measured};
+use super::{page::render, series::Series, series::series};
 use anyhow::{Result, ensure};
 use mluc_geometry::Random;
 use serde::Serialize;
 use serde_json::Value;
-
-use super::bootstrap::{Statistic, interval, scatter};
-use super::frame::{FrameRecord, STAGES, measured};
-use super::{page::render, series::Series, series::series};
 
 /// Family-wise confidence: the probability that no row's interval misses the true difference.
 const CONFIDENCE: f64 = 0.95;

@@ -1,10 +1,8 @@
 //! The table of frames: one line per frame that was due, times in us since the round's first frame was due.
 
-use std::str::FromStr;
-
-use anyhow::{Context, Result, ensure};
-
 use super::{frame::FrameRecord, frame::Stamps, series::series};
+use anyhow::{Context, Result, ensure};
+use std::str::FromStr;
 
 const HEAD: &str = "round,sequence,frame,phase,outcome,due_us,\
     ingest_received_us,ingest_started_us,ingest_published_us,\

@@ -1,12 +1,11 @@
 //! The report as a file for programs, `report.json`; docs/bench.md lists its keys. `null`: not measured.
 
+use super::frame::{FrameRecord, HOPS, STAGES, measured};
+use super::series::series;
 use anyhow::ensure;
 use mluc_geometry::quantile_of;
 use serde::Serialize;
 use serde_json::{Value, json};
-
-use super::frame::{FrameRecord, HOPS, STAGES, measured};
-use super::series::series;
 
 /// Version of `report.json` and `frames.csv`; another one is refused.
 const REPORT_VERSION: u32 = 1;

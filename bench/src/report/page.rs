@@ -1,11 +1,10 @@
 //! The report for people: the page (one file, no script, no external resources) and the table on a terminal, each from its template.
 
+use super::frame::{FrameRecord, HOPS, STAGES, measured};
+use super::{charts, figures::number, series::series};
 use anyhow::Result;
 use minijinja::{Environment, UndefinedBehavior, value::Serde};
 use serde_json::{Value, json};
-
-use super::frame::{FrameRecord, HOPS, STAGES, measured};
-use super::{charts, figures::number, series::series};
 
 /// The page of a report and its frames, warm-up included.
 pub(crate) fn page(report: &Value, frames: &[FrameRecord]) -> Result<String> {

@@ -1,9 +1,8 @@
 //! The command line, and the table `[bench]` of a scenario: a configuration file of `mluc up`. The command line wins.
 
-use std::path::PathBuf;
-
 use clap::{Args, Parser, Subcommand};
 use serde::Deserialize;
+use std::path::PathBuf;
 
 /// Latency of the real processes: a report, and the comparison of two.
 #[derive(Debug, Parser)]

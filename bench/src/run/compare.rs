@@ -1,13 +1,11 @@
 //! `mluc bench compare A B`.
 
-use std::{path::Path, process::ExitCode};
-
+use super::{arguments::CompareArgs, folder};
+use crate::report::{compare, comparison_table};
 use anyhow::Result;
 use mluc::terminal::print_out;
 use serde_json::{Value, json};
-
-use super::{arguments::CompareArgs, folder};
-use crate::report::{compare, comparison_table};
+use std::{path::Path, process::ExitCode};
 
 /// Values that must be the same in two reports, or their difference means little.
 const SAME: [(&str, &str); 6] = [

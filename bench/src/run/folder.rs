@@ -1,11 +1,9 @@
 //! The report's folder on the disk.
 
-use std::{fs, path::Path};
-
+use crate::report::{FrameRecord, check_version, page, read_frames, write_frames};
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
-
-use crate::report::{FrameRecord, check_version, page, read_frames, write_frames};
+use std::{fs, path::Path};
 
 /// Folder names of the two reports of a comparison.
 pub(crate) const FOLDERS: [&str; 2] = ["a", "b"];

@@ -1,16 +1,14 @@
 //! Two builds or two refiners on the same frames, interleaved: A, B, B, A, each time from a fresh start, so that a machine that slowly changes treats both
 //! alike. Each start is measured by a `mluc bench` of its own, because one program cannot observe two wire versions; the rounds of a side become one report.
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode, Stdio};
-
+use super::{compare, folder, folder::FOLDERS, folder::save, plan::Plan, progress, show};
+use crate::report::{FrameRecord, HOPS, STAGES, comparison_table, report_of};
 use anyhow::{Context, Result, ensure};
 use mluc::{EXIT_WARNINGS, terminal::print_out};
 use mluc_runtime::Shutdown;
 use serde_json::Value;
-
-use super::{compare, folder, folder::FOLDERS, folder::save, plan::Plan, progress, show};
-use crate::report::{FrameRecord, HOPS, STAGES, comparison_table, report_of};
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode, Stdio};
 
 struct Side {
     name: String,

@@ -1,16 +1,14 @@
 //! Measures this build: all rounds of one pipeline, and their report.
 
-use std::process::ExitCode;
-
-use anyhow::Result;
-use indicatif::ProgressBar;
-use mluc::{EXIT_WARNINGS, terminal::print_out};
-use serde_json::{Value, json};
-
 use super::pipeline::{Recording, record};
 use super::{folder, plan::Plan, progress, quiet::Quiet, round::frames};
 use crate::machine::{describe_build, describe_machine};
 use crate::report::{FrameRecord, HOPS, Resources, STAGES, number, render, report_of, table};
+use anyhow::Result;
+use indicatif::ProgressBar;
+use mluc::{EXIT_WARNINGS, terminal::print_out};
+use serde_json::{Value, json};
+use std::process::ExitCode;
 
 pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
     let out = &plan.args.out;

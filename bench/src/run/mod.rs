@@ -13,14 +13,12 @@ mod processes;
 mod quiet;
 mod round;
 
-use std::process::ExitCode;
-
+use arguments::{Cli, Command};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressFinish, ProgressStyle};
 use mluc_runtime::log_to_stderr;
-
-use arguments::{Cli, Command};
 use plan::Plan;
+use std::process::ExitCode;
 
 pub(crate) fn program() -> ExitCode {
     mluc::exit_code("mluc-bench", run(Cli::parse()))

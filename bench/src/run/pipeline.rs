@@ -1,17 +1,15 @@
 //! One start of `mluc up`, watched from outside as any consumer can: its objects, its heartbeats, its processes.
 
-use std::process::{Child, Command, ExitStatus, Stdio};
-use std::{fs, fs::File, time::Duration, time::Instant};
-use std::{os::unix::process::CommandExt, path::PathBuf};
-
+use super::{plan::Plan, processes::ProcessWatch, show};
 use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use mluc::{EXIT_USAGE, UsageError};
 use mluc_ipc_types::{FrameHeader, Object, Stage, Topic};
 use mluc_runtime::{HealthWatch, Input, Instance, Shell, Shutdown, monotonic_ns};
 use rustix::process::{Pid, Signal, kill_process};
-
-use super::{plan::Plan, processes::ProcessWatch, show};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::{fs, fs::File, time::Duration, time::Instant};
+use std::{os::unix::process::CommandExt, path::PathBuf};
 
 /// Interval between two checks of the processes; a message ends the wait early.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);

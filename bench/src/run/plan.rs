@@ -1,21 +1,20 @@
 //! What is to be measured, resolved and checked before any process is started.
 
-use std::{fmt::Display, ops::RangeInclusive, path::Path, path::PathBuf, time::Duration};
-
+use super::arguments::{BenchTable, RunArgs};
+use crate::report::FRAMES_MIN;
 use anyhow::{Context, Result};
 use mluc::{UsageError, document, model, settings::DEFAULT_MODEL};
 use mluc::{bundled::BundledScans, external::installed_program, resolve::file_layer};
 use mluc_backbone::Precision;
+use mluc_kernels::Level;
 use mluc_model::Model;
 use mluc_refiner::Variant as RefinerVariant;
 use mluc_sources::{Source, files::Layout};
 use serde::Deserialize;
 use serde_json::{Value, json};
+use std::{fmt::Display, ops::RangeInclusive, path::Path, path::PathBuf, time::Duration};
 use tempfile::TempDir;
 use toml::Table;
-
-use super::arguments::{BenchTable, RunArgs};
-use crate::report::FRAMES_MIN;
 
 const SECONDS: f64 = 20.0;
 /// An assumed limit: a million frames at 10 Hz.
@@ -111,6 +110,10 @@ impl Plan {
         }
         let model = model::load(&model_name)?;
         let precision = args.precision.clone().or(word("precision"));
+        let named = |level: &Level| Some(level.name()) == word("instruction_set").as_deref();
+        if let Some(level) = Level::all().into_iter().find(named) {
+            level.restrict();
+        }
         let chosen = || Precision::Auto.chosen(&model.manifest, &model.weights).0;
         let precision = precision.filter(|name| name != Precision::Auto.name());
         let precision = precision.unwrap_or_else(|| format!("{} (auto)", chosen()));

@@ -1,8 +1,7 @@
 //! Resources that each stage's process uses, read from `/proc` at intervals.
 
-use procfs::process::Process;
-
 use crate::report::Resources;
+use procfs::process::Process;
 
 /// Shortest interval between two samples, s.
 const PERIOD_S: f64 = 0.5;

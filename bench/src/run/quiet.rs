@@ -1,11 +1,9 @@
 //! How quiet the machine was: the share of it that others took while the pipeline ran.
 
-use std::time::Instant;
-
+use crate::machine::load;
 use procfs::{CurrentSI, KernelStats, process::Process};
 use serde_json::{Value, json};
-
-use crate::machine::load;
+use std::time::Instant;
 
 /// Share of all cores that other processes may take on a quiet machine; above, figures are upper bounds.
 const QUIET_SHARE: f64 = 0.02;

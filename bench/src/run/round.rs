@@ -1,9 +1,8 @@
 //! Turns the arrivals of one start of the processes into the record of every frame that was due.
 
-use mluc_ipc_types::{Flags, FrameHeader};
-
 use super::pipeline::Arrival;
 use crate::report::{FrameRecord, Stamps};
+use mluc_ipc_types::{Flags, FrameHeader};
 
 /// All `frames_in` frames of a round. The rate gives the due time of a frame that never arrived.
 pub(crate) fn frames(

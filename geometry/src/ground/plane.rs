@@ -1,8 +1,7 @@
 //! The plane that the lowest points of most tiles lie on.
 
-use std::ops::Range;
-
 use nalgebra::{Matrix3, Vector3};
+use std::ops::Range;
 
 /// Step between the slopes that are tried.
 const SLOPE_STEP: f32 = 0.05;

@@ -1,8 +1,7 @@
 //! AVX2 with FMA: 16 registers of 8 f32. With `VNNI` also products of bytes (AVX-VNNI).
 
-use std::arch::x86_64::*;
-
 use super::Simd;
+use std::arch::x86_64::*;
 
 /// Only the functions below construct it, so a value proves that the processor has these registers and products.
 #[derive(Clone, Copy)]

@@ -1,8 +1,7 @@
 //! AVX-512: 32 registers of 16 f32. With `BF16` and `VNNI` also products of bf16 (two per lane and cycle) and of bytes (four).
 
-use std::{arch::x86_64::*, mem::transmute};
-
 use super::{Lists, Simd};
+use std::{arch::x86_64::*, mem::transmute};
 
 mod list;
 

@@ -1,9 +1,8 @@
 //! For each tap, the rows of a block that have an input row.
 
-use std::{marker::PhantomData, mem::MaybeUninit};
-
 use super::Simd;
 use crate::ABSENT;
+use std::{marker::PhantomData, mem::MaybeUninit};
 
 /// An input row and the row of the block that reads it at a tap.
 #[derive(Clone, Copy, Debug, Default)]

@@ -1,8 +1,7 @@
 //! NEON: 32 registers of 4 f32. With `DOT` also products of bytes.
 
-use std::{arch::aarch64::*, mem::transmute};
-
 use super::Simd;
+use std::{arch::aarch64::*, mem::transmute};
 
 /// Only the functions below construct it, so a value proves that the processor has these registers and products.
 #[derive(Clone, Copy)]

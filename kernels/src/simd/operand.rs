@@ -1,9 +1,8 @@
 //! The operands of a convolution: f32, pairs of bf16 or of i16, quads of bytes; and the packing of weights.
 
-use std::fmt::Debug;
-
 use super::{Level, Simd, load};
 use crate::{Bf16, Element, convolve::Products};
+use std::fmt::Debug;
 
 /// A value of an input row. One product takes [`Operand::STEP`] values at once.
 pub trait Operand: Copy + Default {

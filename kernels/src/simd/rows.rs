@@ -1,8 +1,7 @@
 //! Interleaved rows, as many as a step of products takes: the operands of a sum over rows.
 
-use std::ops::Range;
-
 use super::{Aligned, BLOCK, LINE, Operand, list::Listed};
+use std::ops::Range;
 
 /// Channels of a block's listed rows: `[step][width][Operand::STEP]`; the last step and the last line are padded with zeros.
 pub(crate) struct Rows<I: Operand> {

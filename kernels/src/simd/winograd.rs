@@ -1,7 +1,5 @@
 //! The transforms and products of Winograd's F(2x2, 3x3) in registers, and the memory between them.
 
-use std::{marker::PhantomData, mem::MaybeUninit, ops::Range};
-
 use super::{
     AlignedArray, Kernel, LINE, Level, Simd, Sum, clamp,
     cover::{Tile, cover},
@@ -11,6 +9,7 @@ use super::{
     tiles::store_tile,
 };
 use crate::{ABSENT, Element, weights::PANEL_MAX, winograd::PLACES};
+use std::{marker::PhantomData, mem::MaybeUninit, ops::Range};
 
 /// A type of values that a layer by Winograd tiles can multiply.
 pub trait Tiled: Element {

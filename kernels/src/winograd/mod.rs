@@ -9,13 +9,12 @@
 mod tiles;
 mod weights;
 
-use std::{mem::MaybeUninit, ops::Range};
-
 use crate::{
     Element, Epilogue, Level, Weights,
     simd::{Kernel, Output, Simd, TILES_MAX, Tiled, WINDOWS, Windows},
     weights::{PANEL_MAX, panels},
 };
+use std::{mem::MaybeUninit, ops::Range};
 
 pub use tiles::WinogradTiles;
 pub use weights::WeightsWinograd;

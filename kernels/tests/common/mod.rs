@@ -1,9 +1,8 @@
 //! The plain reference that every faster version is compared with, and random cases.
 #![allow(dead_code)] // Each test file uses a part of it.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
 use mluc_kernels::{ABSENT, Bf16, Element, Gather};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// A linear congruential generator: it gives the same cases on every machine.
 pub(crate) struct Random(pub(crate) u64);

@@ -12,7 +12,7 @@ use mluc_model::Model;
 use mluc_train::NetworkKind;
 
 /// Version of the stored evaluations; changes with their meaning.
-const FORMAT: u32 = 7;
+const FORMAT: u32 = 8;
 pub(crate) const BOOTSTRAP_SEED: u64 = 1;
 
 /// The known classes of a setting at the paper's overlaps, then the unknown.

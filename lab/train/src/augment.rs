@@ -3,14 +3,12 @@
 //! A pasted object keeps its range and bearing, so that its points keep the sensor's pattern; it is moved to the height of the
 //! ground at its new place. It is rejected where it would overlap another object or an obstacle.
 
-use std::f64::consts::{FRAC_PI_4, PI, TAU};
-use std::sync::Arc;
-
-use mluc_geometry::{Box3, Inside, Random, intersection_bev_m2, limit_period};
-use mluc_model::Grid;
-
 use crate::scan::{LabelledObject, LabelledScan};
 use crate::{database::Database, database::Sample, synthetic_unknown::make_up};
+use mluc_geometry::{Box3, Inside, Random, intersection_bev_m2, limit_period};
+use mluc_model::Grid;
+use std::f64::consts::{FRAC_PI_4, PI, TAU};
+use std::sync::Arc;
 
 const TURN_MAX_RAD: f64 = FRAC_PI_4;
 const SCALE: [f64; 2] = [0.95, 1.05];

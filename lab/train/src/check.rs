@@ -1,9 +1,5 @@
 //! Checks before a long run: files, classes, boxes, points; and the origin that a checkpoint must have.
 
-use mluc_dataset::{Dataset, calibration_hash, check_classes, check_files, data_hash};
-use mluc_model::CLASSES_MAX;
-use rayon::prelude::*;
-
 use crate::{
     error::{TrainError, refused},
     log::TrainEvent,
@@ -11,6 +7,9 @@ use crate::{
     source::ScanSource,
     synthetic_unknown::stands_for_unknown,
 };
+use mluc_dataset::{Dataset, calibration_hash, check_classes, check_files, data_hash};
+use mluc_model::CLASSES_MAX;
+use rayon::prelude::*;
 
 /// Number of scans whose labelled boxes are checked: scans of other frames, or empty scans, show in the first few.
 const POINT_FRAMES: usize = 20;

@@ -3,16 +3,14 @@
 //! A safetensors file: `parameters`, Adam's moments, and the running statistics one after another; its metadata contains
 //! the steps and the settings. The batches of a step depend only on the seed and the step, so no random state is stored.
 
-use std::{collections::HashMap, fmt::Display, path::Path};
-
-use mluc_model::{ModelError, WeightSet, read_tensors};
-use safetensors::SafeTensorError;
-
 use crate::{
     error::{TrainError, refused},
     run_folder,
     trainer::TrainState,
 };
+use mluc_model::{ModelError, WeightSet, read_tensors};
+use safetensors::SafeTensorError;
+use std::{collections::HashMap, fmt::Display, path::Path};
 
 /// The error for a file that is no checkpoint, or a checkpoint of another run.
 pub(crate) fn wrong(path: &Path, expected: impl Display, found: impl Display) -> TrainError {

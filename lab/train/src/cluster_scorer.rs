@@ -3,6 +3,8 @@
 //!
 //! Sizes are varied during the fit, so that the scorer separates bodies from walls and leaves instead of learning sizes. Extension of the paper.
 
+use crate::optimizer::{Adam, Schedule};
+use crate::{error::TrainError, mlp::Mlp, synthetic_unknown::stands_for_unknown};
 use mluc_backbone::Precision;
 use mluc_dataset::Label;
 use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, ModelGate, detect_frames};
@@ -12,9 +14,6 @@ use mluc_model::{CLUSTER_SCORER_WIDTHS, Model};
 use mluc_refiner::{ClusterScorer, Refiner, RefinerError, RefinerOutput, Sensor, Settings};
 use mluc_refiner::{cluster_scorer::FEATURES, cluster_scorer::features, clusters::Measures};
 use rayon::prelude::*;
-
-use crate::optimizer::{Adam, Schedule};
-use crate::{error::TrainError, mlp::Mlp, synthetic_unknown::stands_for_unknown};
 
 const STEPS: u64 = 400;
 /// Clusters per step, and the number of objects among them: a tenth, since most proposals are background.
@@ -71,8 +70,13 @@ fn proposed(
     let gated = frame.gated(ModelGate::Known, 1.0 - UNKNOWN_MIN);
     refiner.refine(number as u64, &set.points(number)?, &gated, &mut refined);
     let objects = refined.objects.iter().zip(&refined.measures);
+    // Sizes that no road user has are ranked without the layers.
+    let is_scored = |object: &Object| {
+        let has_size = object.flags & (Object::SMALL | Object::LARGE | Object::POST) == 0;
+        object.is_published() && has_size
+    };
     let example = |(object, measures): (&Object, &Option<Measures>)| {
-        let measures = measures.as_ref().filter(|_| object.is_published())?;
+        let measures = measures.as_ref().filter(|_| is_scored(object))?;
         let shape = Box3::from_f32(object.center_m, object.size_m, object.yaw_rad);
         let is_object = synthetic.iter().any(|own| iou_3d(&shape, own) > IOU_ON);
         // Proposals on other labelled objects, which are neither learned nor unknown, are not used.

@@ -1,9 +1,8 @@
 //! Statistics and samples of the training split: mean sizes of its objects, and objects to paste into other scans.
 
+use crate::{error::TrainError, source::ScanSource};
 use mluc_geometry::{Box3, Inside};
 use rayon::prelude::*;
-
-use crate::{error::TrainError, source::ScanSource};
 
 /// Minimum number of points of an object to paste (the public SECOND configuration).
 const SAMPLE_POINTS_MIN: usize = 5;

@@ -4,10 +4,9 @@
 //! A point is associated with the mean embedding of an instance, with one of a few background prototypes, or with the
 //! unknown, which has one learned score. In training some instances have no prototype: the target of their points is the unknown.
 
+use crate::{layers::add, mlp::Mlp};
 use mluc_geometry::Random;
 use mluc_model::{BASELINE, Manifest, WeightSet};
-
-use crate::{layers::add, mlp::Mlp};
 
 /// Number of values of an embedding.
 pub const WIDTH: usize = 16;

@@ -1,9 +1,8 @@
 //! The point embedding's loss falls, and its parts are what they say.
 
-use mluc_model::{Grid, Network};
-
 use super::*;
 use crate::optimizer::Adam;
+use mluc_model::{Grid, Network};
 
 const CHANNELS: usize = 5;
 

@@ -1,12 +1,10 @@
 //! The trained network as a model file.
 
-use std::ops::Range;
-
+use crate::{error::TrainError, layers::Layer, network::Chain, trainer::TrainState};
 use mluc_backbone::Backbone;
 use mluc_head::Head;
 use mluc_model::{Manifest, WeightSet, expected_tensors};
-
-use crate::{error::TrainError, layers::Layer, network::Chain, trainer::TrainState};
+use std::ops::Range;
 
 /// Weights in the axis order of the model file.
 pub fn weights(chain: &Chain, state: &TrainState) -> WeightSet {

@@ -5,9 +5,8 @@
 //! **listed** (has its own row) when one of its taps reads a listed cell or padding. This is exact: every cell that could
 //! differ is listed. Rows of a map: the listed cells in order (frame, y, x), then the background row.
 
-use mluc_kernels::{ABSENT, Gather};
-
 use crate::{layers::LayerPlan, norm::Tail};
+use mluc_kernels::{ABSENT, Gather};
 
 /// The listed cells of a batch of maps.
 #[derive(Clone, Debug)]

@@ -3,16 +3,14 @@
 //! A head's row is identified by its meaning (`presence car/0`: the first anchor of `car` is on an object), so that a network
 //! with other classes or another kind of head takes all matching rows. The rest keeps its fresh start, and is reported.
 
-use std::{collections::BTreeMap, path::Path, path::PathBuf};
-
-use mluc_model::{AnchorClass, Manifest, Model, WeightSet};
-
 use crate::export::{axes, place};
 use crate::{
     error::{TrainError, refused},
     layers::Linear,
     trainer::Trainer,
 };
+use mluc_model::{AnchorClass, Manifest, Model, WeightSet};
+use std::{collections::BTreeMap, path::Path, path::PathBuf};
 
 /// The model file at `path`: the file itself, or the model file in a run's folder.
 pub(crate) fn model_path(path: &Path) -> PathBuf {

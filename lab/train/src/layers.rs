@@ -1,12 +1,10 @@
 //! One convolution with batch norm and ReLU, and a head: forward and backward passes on rows.
 
-use std::ops::Range;
-
-use mluc_kernels::{Element, Epilogue, Gather, Level, Trainable, Weights};
-use mluc_kernels::{convolve, weight_gradient};
-
 use crate::norm::{self, Activation, Statistics, Tail};
 use crate::pool::{Pool, round};
+use mluc_kernels::{Element, Epilogue, Gather, Level, Trainable, Weights};
+use mluc_kernels::{convolve, weight_gradient};
+use std::ops::Range;
 
 /// The rows that a layer reads and writes in one batch.
 #[derive(Clone, Debug, Default)]

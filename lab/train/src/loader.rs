@@ -2,17 +2,15 @@
 //!
 //! The frames of a step and their augmentation depend only on the seed and the step.
 
-use std::{collections::BTreeSet, collections::VecDeque, sync::Arc};
-
-use crossbeam_channel::{Receiver, bounded};
-use mluc_geometry::Random;
-use mluc_model::{AnchorClass, HeadKind, Manifest, VoxelInput};
-
 use crate::plan::{Plan, Planner};
 use crate::targets::{CellClass, CellLabel, Targets};
 use crate::{anchors::Anchors, batch_targets::BatchTargets, database::Database, error::TrainError};
 use crate::{augment::Augmentation, augment::crop, kind::Setting};
 use crate::{scan::LabelledScan, settings::TrainSettings, source::ScanSource, stream, thin::thin};
+use crossbeam_channel::{Receiver, bounded};
+use mluc_geometry::Random;
+use mluc_model::{AnchorClass, HeadKind, Manifest, VoxelInput};
+use std::{collections::BTreeSet, collections::VecDeque, sync::Arc};
 
 /// Maximum number of waiting batches per thread, to limit memory.
 const QUEUE: usize = 2;

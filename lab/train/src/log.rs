@@ -1,8 +1,7 @@
 //! The log of a run: `train.jsonl`, one line every few steps.
 
-use std::{fs::File, io::Write, path::PathBuf, time::Instant};
-
 use crate::{error::TrainError, losses::Losses, settings::TrainSettings};
+use std::{fs::File, io::Write, path::PathBuf, time::Instant};
 
 /// Number of steps averaged in one line of the log.
 const LOG_STEPS: u64 = 20;

@@ -2,9 +2,8 @@
 //!
 //! The order of summation is that of the refiner's forward pass, so the bits are the same; the kernels use another order.
 
-use mluc_geometry::Random;
-
 use crate::layers::add;
+use mluc_geometry::Random;
 
 /// Dense layers on rows.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,14 +4,12 @@
 //! [`mluc_model::Network`]: sparse layers, map, block 1, block 2, two ups, heads. The two ups are never concatenated at
 //! full size: objectness adds the contributions of the ups, and the other heads run only on labelled cells.
 
-use std::ops::Range;
-
-use mluc_geometry::Random;
-use mluc_model::{DenseLayer, Network};
-
 use crate::layers::{Layer, Linear, RunningStatistics, forward_all, linear};
 use crate::plan::{MapPlan, Plan};
 use crate::{norm::Activation, norm::Statistics, pool::Pool};
+use mluc_geometry::Random;
+use mluc_model::{DenseLayer, Network};
+use std::ops::Range;
 
 /// The heads' layers.
 #[derive(Clone, Debug, PartialEq)]

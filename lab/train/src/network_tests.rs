@@ -1,15 +1,13 @@
 //! The halo's passes against those of every cell, and gradients against finite differences. (`parity_tests` compare the
 //! forward pass with the inference engine.)
 
-use std::ops::Range;
-
-use mluc_geometry::{Box3, Random};
-use mluc_model::{HeadKind, Manifest, Network};
-
 use crate::network::{Chain, Outputs, Pass, StepInput};
 use crate::plan::{MapPlan, Plan, Planner};
 use crate::{anchors::Anchors, pool::Pool, scan::LabelledObject, testing::assert_slope};
 use crate::{batch_targets::BatchTargets, halo::Cells, losses, losses::LossSettings};
+use mluc_geometry::{Box3, Random};
+use mluc_model::{HeadKind, Manifest, Network};
+use std::ops::Range;
 
 const LOSSES: LossSettings = LossSettings {
     prototype_scale: 2.0,

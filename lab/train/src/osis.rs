@@ -2,17 +2,15 @@
 //!
 //! Training takes minutes, so an interrupted run starts again; a finished run is left unchanged.
 
-use std::path::PathBuf;
-
-use mluc_backbone::Backbone;
-use mluc_geometry::{Inside, Random};
-use mluc_model::{HeadKind, Model, VoxelInput, model_bytes};
-
 use crate::error::{TrainError, diverged, refused};
 use crate::log::{Log, Progress, TrainEvent};
 use crate::optimizer::{Adam, Schedule};
 use crate::{check, embedding::FrameFeatures, embedding::PointEmbedding, run_folder};
 use crate::{import::model_path, scan::LabelledScan, settings::TrainSettings, source::ScanSource};
+use mluc_backbone::Backbone;
+use mluc_geometry::{Inside, Random};
+use mluc_model::{HeadKind, Model, VoxelInput, model_bytes};
+use std::path::PathBuf;
 
 /// Number of points of an instance in a step.
 const INSTANCE_POINTS: usize = 48;

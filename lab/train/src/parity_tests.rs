@@ -1,12 +1,11 @@
 //! The trainer's network against the inference engine that reads its model file.
 
+use crate::{export, losses::LossSettings, network::StepInput, plan::Planner};
+use crate::{optimizer::Schedule, pool::Pool, trainer::Trainer};
 use mluc_backbone::Backbone;
 use mluc_geometry::Random;
 use mluc_head::Head;
 use mluc_model::{Grid, Manifest, Model, Network, model_bytes};
-
-use crate::{export, losses::LossSettings, network::StepInput, plan::Planner};
-use crate::{optimizer::Schedule, pool::Pool, trainer::Trainer};
 
 /// The compact network on a smaller range, and a scan in it.
 fn setup() -> (Network, Vec<[f32; 4]>) {

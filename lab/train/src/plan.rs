@@ -1,11 +1,10 @@
 //! The plan of a batch: every layer's gathers, and the positions of sparse rows on the map.
 
+use crate::halo::{self, Cells, Unlisted};
+use crate::layers::{LayerPlan, identity};
 use mluc_backbone::{Rulebooks, Voxels, localize, voxelize};
 use mluc_kernels::{ABSENT, Gather};
 use mluc_model::{DenseLayer, Network, VoxelInput};
-
-use crate::halo::{self, Cells, Unlisted};
-use crate::layers::{LayerPlan, identity};
 
 /// The bird's-eye part of a batch.
 #[derive(Clone, Debug, Default)]

@@ -5,10 +5,9 @@
 //! weights large, and the step coarse for all others. The other extreme is one range for the whole level. A channel's range is
 //! the geometric mean of the two: the balance of SmoothQuant (Xiao et al., ICML 2023) at its usual strength of one half.
 
+use crate::error::TrainError;
 use mluc_backbone::{Backbone, Coverage, Level};
 use mluc_model::{Manifest, WeightSet, calibrated_layers};
-
-use crate::error::TrainError;
 
 /// Minimum ratio of a channel's range to its largest value seen. Later scans have larger values; clipping costs far more than finer steps gain.
 const MARGIN: f32 = 1.25;

@@ -1,19 +1,17 @@
 //! A whole training run: data, steps, log, checkpoints, model file.
 
-use std::{collections::BTreeMap, fs::File, io::Write, path::PathBuf};
-
-use mluc_backbone::Precision;
-use mluc_evaluate::evaluate;
-use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, GatedObjects, detect_frames, paper_rules};
-use mluc_model::{Manifest, Model, ModelError, Provenance, VoxelInput, model_bytes};
-use mluc_refiner::ClusterScorer;
-
 use crate::error::{TrainError, refused};
 use crate::loader::{BatchQueue, DataLoader};
 use crate::log::{Log, TrainEvent};
 use crate::{NetworkKind, check, checkpoint, export, import, run_folder, stream};
 use crate::{cluster_scorer::fit_to_proposals, database, database::Database, database::mean_boxes};
 use crate::{optimizer::Schedule, settings::TrainSettings, source::ScanSource, trainer::Trainer};
+use mluc_backbone::Precision;
+use mluc_evaluate::evaluate;
+use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, GatedObjects, detect_frames, paper_rules};
+use mluc_model::{Manifest, Model, ModelError, Provenance, VoxelInput, model_bytes};
+use mluc_refiner::ClusterScorer;
+use std::{collections::BTreeMap, fs::File, io::Write, path::PathBuf};
 
 /// Number of frames for the fit of the cluster scorer.
 const CLUSTER_FRAMES: usize = 1200;

@@ -1,10 +1,8 @@
 //! The folder of a run: only one run at a time writes to it, and no run overwrites a model that it did not make.
 
-use std::{fs::File, fs::TryLockError, path::Path};
-
-use mluc_dataset::whole_file::write_whole;
-
 use crate::error::{TrainError, refused};
+use mluc_dataset::whole_file::write_whole;
+use std::{fs::File, fs::TryLockError, path::Path};
 
 /// Creates the folder and locks it for this process, as long as the file is open.
 pub fn enter(out: &Path) -> Result<File, TrainError> {

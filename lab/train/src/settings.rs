@@ -1,15 +1,13 @@
 //! The settings of a training run.
 
-use std::{convert::Infallible, path::Path, path::PathBuf};
-
+use crate::kind::{Architecture, NetworkKind, Setting};
+use crate::losses::LossSettings;
 use clap::{Parser, builder::RangedU64ValueParser};
 use mluc_dataset::{KITTI_CLASSES, SIMULATED_CLASSES};
 use mluc_evaluate::pipeline::{folder_tail, unknown_classes};
 use mluc_kernels::Level;
 use mluc_model::{AnchorClass, Beams, Manifest, Network, Takes};
-
-use crate::kind::{Architecture, NetworkKind, Setting};
-use crate::losses::LossSettings;
+use std::{convert::Infallible, path::Path, path::PathBuf};
 
 fn learning_rate(text: &str) -> Result<f64, String> {
     let rate = text.parse().ok().filter(|rate| *rate > 0.0 && *rate < 1.0);

@@ -1,11 +1,10 @@
 //! Labelled scans by number, from a folder in KITTI's format.
 
+use crate::scan::{LabelledObject, LabelledScan};
+use crate::{error::TrainError, synthetic_unknown::stands_for_unknown};
 use mluc_dataset::Dataset;
 use mluc_geometry::Box3;
 use mluc_model::VoxelInput;
-
-use crate::scan::{LabelledObject, LabelledScan};
-use crate::{error::TrainError, synthetic_unknown::stands_for_unknown};
 
 /// Maximum occlusion level of a label that is pasted: a less visible object shows little of its shape.
 const OCCLUDED_MAX: i32 = 2;

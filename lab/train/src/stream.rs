@@ -4,9 +4,8 @@
 //! of ignored anchors and of cells (u32 each); voxels (u16 z, y, x of each, then the f32 rows); positives (u32 cell, anchor and direction bin,
 //! 7 f32 box codes); ignored anchors (u32 numbers in the map); cells (u32 cell, i32 class or -1 for unknown, f32 weight).
 
-use mluc_backbone::Voxels;
-
 use crate::{settings::TrainSettings, targets::CellClass, targets::Targets};
+use mluc_backbone::Voxels;
 
 /// The settings that the other trainer needs.
 pub(crate) fn header(settings: &TrainSettings) -> serde_json::Value {

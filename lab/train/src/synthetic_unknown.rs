@@ -4,13 +4,12 @@
 //! cut out, like windows and open sides. Objects that still have the size of a known class are rejected. The result moves along its bearing by the
 //! mean factor, so that its points are as dense as a scan's. Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
 
+use crate::database::{Database, Sample};
 use mluc_dataset::{Label, SYNTHETIC_UNKNOWN};
 use mluc_geometry::{Box3, Random};
 use mluc_simulate::synthetic_unknown::{
     CUT_CHANCE, CUT_LOW, CUT_SHARE, JOIN_CHANCE, ON_ROADS, has_known_size, has_road_size,
 };
-
-use crate::database::{Database, Sample};
 
 /// Maximum difference of the viewing angles of two objects that are joined.
 const ANGLE_MAX_RAD: f64 = 0.5;

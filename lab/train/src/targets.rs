@@ -7,12 +7,10 @@
 //! class-agnostic anchors; without these, with the anchors of the class that overlaps them most. Anchors of a class that overlap them are ignored. Objects
 //! that are not trained on (see [`crate::scan`]) make the anchors and cells under them ignored.
 
-use std::{collections::BTreeMap, collections::BTreeSet, ops::Range};
-
+use crate::{anchors::Anchors, scan::LabelledObject};
 use mluc_geometry::Box3;
 use mluc_head::decode::{direction_bin, encode};
-
-use crate::{anchors::Anchors, scan::LabelledObject};
+use std::{collections::BTreeMap, collections::BTreeSet, ops::Range};
 
 /// Anchors this close to an ignored footprint are ignored.
 const IGNORE_MARGIN_M: f64 = 0.3;

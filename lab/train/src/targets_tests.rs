@@ -1,9 +1,8 @@
 //! Targets against the definition, anchor by anchor.
 
 use super::*;
-use mluc_model::{Grid, Manifest, Network};
-
 use crate::anchors::nearest;
+use mluc_model::{Grid, Manifest, Network};
 
 fn anchors_with(agnostic: &[[f32; 3]]) -> Anchors {
     let network = Network {

@@ -1,7 +1,5 @@
 //! The training step: forward, losses, backward, optimiser.
 
-use mluc_model::Network;
-
 use crate::network::{Chain, Pass, StepInput};
 use crate::{
     error::{TrainError, diverged},
@@ -11,6 +9,7 @@ use crate::{
     pool::Pool,
 };
 use crate::{losses, losses::LossSettings, optimizer::Adam, optimizer::Schedule};
+use mluc_model::Network;
 
 /// Minimum share of a new batch in the running statistics. At first the plain mean of all batches applies, so that a short run does not keep the
 /// statistics of its first weights. At the end of the cycle the rate is nearly 0, so the last 50 batches have almost equal weights and set the statistics.

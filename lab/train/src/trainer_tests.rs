@@ -1,12 +1,10 @@
 //! Training a tiny network: it learns, refuses what is no checkpoint of its own, and does not depend on threads.
 
-use std::path::Path;
-
-use mluc_model::{Grid, HeadKind, Manifest, Network};
-
 use crate::network_tests::{scans, small, targets};
 use crate::{checkpoint, export, import, layers::Linear, plan::Planner, trainer::Trainer};
 use crate::{loader::Batch, losses::LossSettings, optimizer::Schedule};
+use mluc_model::{Grid, HeadKind, Manifest, Network};
+use std::path::Path;
 
 fn batch(step: u64) -> Batch {
     let network = small();

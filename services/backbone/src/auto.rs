@@ -1,9 +1,8 @@
 //! The choice of `auto`: the fastest precision on this processor whose measured cost in the model file is small.
 
+use crate::precision::Precision;
 use mluc_kernels::Level;
 use mluc_model::{Manifest, WeightSet};
-
-use crate::precision::Precision;
 
 impl Precision {
     /// Maximum cost, against f32 on the validation split, of a precision that [`Precision::Auto`] chooses: mAP of the known classes and

@@ -1,12 +1,11 @@
 //! Points to feature rows: the stage as one function.
 
-use mluc_kernels::{Bf16, Level};
-use mluc_model::{Manifest, WeightSet};
-
 use crate::error::{BackboneError, Result};
 use crate::layers::{Frame, Layers};
 use crate::trace::{Observer, Steps, Watch};
 use crate::{plane::Coverage, precision::Precision, quant_scale::QuantScale, warm_up};
+use mluc_kernels::{Bf16, Level};
+use mluc_model::{Manifest, WeightSet};
 
 /// The second frame finds the memory that the first one allocated.
 const WARM_UP_FRAMES: usize = 2;

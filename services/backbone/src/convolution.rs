@@ -1,9 +1,8 @@
 //! One convolution with its folded batch norm and ReLU.
 
+use crate::precision::Value;
 use mluc_kernels::{Element, Epilogue, Gather, Weights, convolve};
 use mluc_model::Folded;
-
-use crate::precision::Value;
 
 /// Packed weights and bias of a layer that reads rows of `V`.
 #[derive(Clone, Debug)]

@@ -3,12 +3,11 @@
 //! A row has up1's channels of the cell, then up2's. A cell has a row if block2's cell that covers it can differ from the
 //! empty scene. These are all cells that can differ, because block2's first layer reads every such cell of block1.
 
-use mluc_kernels::Gather;
-use mluc_model::{Folded, Network, WeightSet};
-
 use crate::error::{BackboneError, Result};
 use crate::plane::{MapRows, PlaneLayer};
 use crate::{cells::CellSet, convolution::Convolution, precision::Value, quant_scale::QuantScale};
+use mluc_kernels::Gather;
+use mluc_model::{Folded, Network, WeightSet};
 
 /// The two transposed layers, and the rows of the current frame.
 #[derive(Clone, Debug)]

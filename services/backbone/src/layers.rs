@@ -1,11 +1,10 @@
 //! The network up to its feature rows, in one precision.
 
-use mluc_model::{DenseLayer, Manifest, WeightSet};
-
 use crate::error::{BackboneError, Result};
 use crate::plane::{Coverage, MapRows, PlaneLayer};
 use crate::{cells::CellSet, features::Features, precision::Value, quant_scale::QuantScale};
 use crate::{sites::Sites, sparse::SparsePart, trace::Place, trace::Watch, voxelize::PointCounts};
+use mluc_model::{DenseLayer, Manifest, WeightSet};
 
 /// The result of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -4,13 +4,12 @@
 //! This response is computed once. In a frame, a layer computes the cells that read a computed cell of its input; neighbours outside have the stored
 //! response. The result equals the dense result: bit for bit, in f32 by tiles up to rounding. After `halo_layers` layers no further cells are added.
 
+use crate::convolution::{Convolution, response};
+use crate::{cells::CellSet, error::Result, precision::Value, quant_scale::QuantScale};
 use mluc_kernels::{ABSENT, Gather, Level, Tiled};
 use mluc_kernels::{WeightsWinograd, WinogradTiles, convolve_winograd};
 use mluc_model::{DenseLayer, Folded, WeightSet};
 use rayon::prelude::*;
-
-use crate::convolution::{Convolution, response};
-use crate::{cells::CellSet, error::Result, precision::Value, quant_scale::QuantScale};
 
 /// The cells of the bird's-eye layers that are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,9 +4,8 @@
 //! and its bias is divided by the output scale; the kernel then rounds the weights of each output channel to multiples of 1/127
 //! of the largest. So a range for each channel costs nothing at run time.
 
-use mluc_model::{Folded, WeightSet};
-
 use crate::error::Result;
+use mluc_model::{Folded, WeightSet};
 
 /// The scale of each channel of a row; `None`: values are plain numbers.
 #[derive(Clone, Debug, Default)]

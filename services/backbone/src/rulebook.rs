@@ -3,11 +3,10 @@
 //! A submanifold layer keeps its input's sites; a strided layer has a site wherever the window contains any input, or, with `floor`,
 //! at floor(site / stride) of each input. Taps are in (kz, ky, kx) order, the order of the weights.
 
+use crate::sites::{Sites, even_bits};
 use mluc_kernels::{ABSENT, Gather, at_best};
 use mluc_model::{KERNEL_MAX, SparseLayer};
 use rayon::prelude::*;
-
-use crate::sites::{Sites, even_bits};
 
 /// Number of output sites that one task looks up: about 50 microseconds of work.
 const ROWS_A_TASK: usize = 1024;

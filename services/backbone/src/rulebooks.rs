@@ -1,9 +1,8 @@
 //! The rulebooks of the whole sparse part for one scan.
 
+use crate::{rulebook::gather, rulebook::output_sites, sites::Sites};
 use mluc_kernels::Gather;
 use mluc_model::Network;
-
-use crate::{rulebook::gather, rulebook::output_sites, sites::Sites};
 
 /// The rulebooks of a network's whole sparse part for one scan; reused from frame to frame.
 ///

@@ -1,15 +1,14 @@
 //! The sparse 3-D part on one scan (paper section 3.1): voxels, then every layer over its rulebook.
 
-use mluc_geometry::ground::{GroundGrid, ground_height_m};
-use mluc_ipc_types::POINTS_MAX;
-use mluc_model::{Folded, Manifest, Network, VoxelInput, WeightSet};
-use rayon::prelude::*;
-
 use crate::trace::{Place, Watch};
 use crate::voxelize::{NEAREST_SQUARED, POINTS_A_TASK, PointCounts, VOXEL_CHANNELS, Voxels};
 use crate::voxelize::{localize, voxelize};
 use crate::{convolution::Convolution, precision::Value, quant_scale::QuantScale, sites::Sites};
 use crate::{error::BackboneError, error::Result, rulebooks::Rulebooks};
+use mluc_geometry::ground::{GroundGrid, ground_height_m};
+use mluc_ipc_types::POINTS_MAX;
+use mluc_model::{Folded, Manifest, Network, VoxelInput, WeightSet};
+use rayon::prelude::*;
 
 /// Layers and the memory of one frame.
 #[derive(Clone, Debug)]

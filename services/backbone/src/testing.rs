@@ -1,10 +1,9 @@
 //! Random sites and the rulebook of one layer, for the tests of this crate.
 
+use crate::{rulebook::gather, rulebook::output_sites, sites::Sites};
 use mluc_geometry::Random;
 use mluc_kernels::Gather;
 use mluc_model::SparseLayer;
-
-use crate::{rulebook::gather, rulebook::output_sites, sites::Sites};
 
 /// At most `count` sites anywhere on a grid.
 pub(crate) fn random_sites(shape: [usize; 3], count: usize, seed: u64) -> Sites {

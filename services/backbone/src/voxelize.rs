@@ -1,11 +1,10 @@
 //! Points to voxels: each voxel's row is the mean of its first points (paper section 3.1; the mean encoder of SECOND).
 
+use crate::sites::Sites;
 use mluc_ipc_types::POINTS_MAX;
 use mluc_kernels::at_best;
 use mluc_model::Grid;
 use rayon::prelude::*;
-
-use crate::sites::Sites;
 
 /// Values in place of an address; no address is as large.
 const NON_FINITE: usize = usize::MAX;

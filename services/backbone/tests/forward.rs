@@ -3,12 +3,11 @@
 
 mod common;
 
-use std::collections::{BTreeMap, BTreeSet};
-
 use common::{backbone, calibrated, check_coverage, manifest, relative_error, scan};
 use mluc_backbone::{Backbone, BackboneError, Coverage, Level, Precision};
 use mluc_model::formula_weights;
 use mluc_train::quantize::measure_ranges;
+use std::collections::{BTreeMap, BTreeSet};
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 

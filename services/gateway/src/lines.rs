@@ -1,14 +1,13 @@
 //! One JSON line per frame, for the robot, the evaluator and `jq`. `docs/output.md` describes it,
 //! `docs/objects.schema.json` checks it.
 
-use std::collections::BTreeMap;
-
 use mluc_ipc_types::{
     CandidateCounts, Disposition, Flags, FrameHeader, Health, NO_PROBABILITY, Object, ObjectKind,
     Stage, Status, StatusState, WIRE_VERSION,
 };
 use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 
 /// A frame's line.
 #[derive(Debug, Serialize)]
@@ -274,9 +273,8 @@ pub(crate) fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectL
 
 #[cfg(test)]
 mod tests {
-    use mluc_ipc_types::{FOOTPRINT_MAX, GateKind, StageStamps};
-
     use super::*;
+    use mluc_ipc_types::{FOOTPRINT_MAX, GateKind, StageStamps};
 
     fn object(kind: ObjectKind, disposition: Disposition, suppressed_by: u32) -> Object {
         let mut footprint_m = [[0.0; 2]; FOOTPRINT_MAX];

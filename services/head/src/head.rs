@@ -1,16 +1,15 @@
 //! Feature rows to detections: the stage as one function.
 
-use mluc_geometry::{Box3, ground::ground_height_m, nms_into};
-use mluc_ipc_types::{Detection, DetectionKind, GateKind, NO_PROBABILITY};
-use mluc_kernels::Gather;
-use mluc_model::{HeadKind, Manifest, Thresholds, WeightSet};
-
 use crate::candidates::{Candidate, reduce_classes, select, sigmoid};
 use crate::convolutions::{RowHead, RowHeads, read_all};
 use crate::decode::{Anchors, BOX_CODES, decode, direct};
 use crate::gate::{gate_by, is_unknown, threshold_of};
 use crate::vote::{VOTE_IOU_MIN, Votes};
 use crate::{HeadCounts, HeadError, memory::Memory, prototypes::Prototypes};
+use mluc_geometry::{Box3, ground::ground_height_m, nms_into};
+use mluc_ipc_types::{Detection, DetectionKind, GateKind, NO_PROBABILITY};
+use mluc_kernels::Gather;
+use mluc_model::{HeadKind, Manifest, Thresholds, WeightSet};
 
 /// Embeddings and logits of this size or more get no scores, so that squares stay within f32.
 const VALUE_MAX: f32 = 1e9;

@@ -1,10 +1,9 @@
 //! The memory of a frame, reused from frame to frame.
 
+use crate::{candidates::Candidate, decode::Anchors, decode::BOX_CODES, vote::Votes};
 use mluc_geometry::Box3;
 use mluc_kernels::Gather;
 use mluc_model::{HeadKind, Manifest};
-
-use crate::{candidates::Candidate, decode::Anchors, decode::BOX_CODES, vote::Votes};
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory {

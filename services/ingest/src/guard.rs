@@ -1,11 +1,10 @@
 //! Checks that the input fits the model and the given sensor. "No boxes and no error" is the commonest complaint about
 //! detectors; it has few causes, and scans show most of them.
 
-use mluc_ipc_types::{Flags, Point};
-use mluc_model::{Grid, Manifest, SensorProfile, Takes, degrees_off};
-
 use crate::DecodeReport;
 use crate::estimate::{Estimator, SECTORS, SensorEstimate, Unit, Up, direction_rad};
+use mluc_ipc_types::{Flags, Point};
+use mluc_model::{Grid, Manifest, SensorProfile, Takes, degrees_off};
 
 /// A mismatch. Its text says what was found, what was expected, and what to do.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -32,7 +31,7 @@ pub enum Reason {
     #[error("{} points up, expected z: say with --axes which axes point ahead, to the left and up{}", .0.name(), if .0.name() == "-z" { " (x,-y,-z for a sensor upside down)" } else { "" })]
     Axes(Up),
     /// Height of the sensor, m; the lowest and the highest expected.
-    #[error("sensor {:.2} m above the ground, expected {:.2} to {:.2} m: mount it there, shift z with --origin 0,0,Z, or take a model for this height", .0, .1[0], .1[1])]
+    #[error("sensor {:.2} m above the ground, expected {:.2} to {:.2} m: mount it there, shift z with --origin 0,0,Z (Z is subtracted), or take a model for this height", .0, .1[0], .1[1])]
     Height(f32, [f32; 2]),
     /// Tilt of the sensor, degrees; the largest expected.
     #[error("sensor tilted by {:.0} degrees, expected at most {:.0}: level it, or turn the points by its extrinsics", .0, .1)]
@@ -61,7 +60,7 @@ pub enum Reason {
     #[error("{} beams, {:.1} degrees off those of the given sensor, expected its {}: give the right --sensor", .0, .1, .2)]
     SensorBeams(u32, f32, u32),
     /// Returns beyond the given sensor's range: their distance and that range, m.
-    #[error("returns {:.0} away, expected at most {:.0} m by the given sensor: if the coordinates are in feet, read them with --scale 0.3048", .0, .1)]
+    #[error("returns {:.0} away, expected at most {:.0} m by the given sensor: correct its range_m, or, if the coordinates are in feet, read them with --scale 0.3048", .0, .1)]
     SensorRange(f32, f32),
     /// Not the given sensor's height: found and given, m.
     #[error("sensor {:.2} m above the ground, expected {:.2} m by the given sensor: correct its height_m", .0, .1)]
@@ -90,6 +89,8 @@ const GAP_RANGE_M: f32 = 8.0;
 /// A real sensor's range ends beyond this distance, m. A nearer end is a driver's limit if more than the share below of the directions ends there.
 const RANGE_END_MIN_M: f32 = 30.0;
 const RANGE_END_SHARE: f32 = 0.45;
+/// Returns that end within this share of the flattest beam's distance to the ground are cut; a guess.
+const OPEN_SHARE: f32 = 0.85;
 /// A scan is in another unit if half of its returns lie nearer than this, m, or than the lowest mount.
 const NEAR_MAX_M: f32 = 0.5;
 /// Scans in a narrow field whose nearest returns lie beyond the first number, and the farthest less than so many times as far, are seen from elsewhere.
@@ -184,7 +185,7 @@ impl Expected {
         };
         let driver = "let the driver leave out missing returns";
         let check = "check the driver, or let it leave out missing returns";
-        let twice = "is the same scan merged twice?";
+        let twice = "is the same scan merged twice, or does the driver send both returns of a shot? let it send one";
         for (share, what, remedy) in [
             (found.not_finite_share, "are not finite", check),
             (found.zero_share, "lie at the origin", driver),
@@ -221,7 +222,15 @@ impl Expected {
         let least_m = RANGE_END_MIN_M.min(sees_m - 1.0);
         // A wall in front of a narrow field ends all of its beams.
         let is_wide = found.field_deg[1] > NARROW_DEG;
-        let is_cut = is_wide && end_m < least_m && end_share > RANGE_END_SHARE;
+        // On open ground all returns end where the flattest beam meets it.
+        let slopes = found
+            .elevations_deg
+            .iter()
+            .map(|deg| -deg.to_radians().tan());
+        let flattest = slopes.filter(|slope| *slope > 0.0).reduce(f32::min);
+        let open_m = (found.height_m.zip(flattest)).map_or(f32::MAX, |(m, slope)| m / slope);
+        let ends_m = least_m.min(OPEN_SHARE * open_m);
+        let is_cut = is_wide && end_m < ends_m && end_share > RANGE_END_SHARE;
         add(is_cut, Reason::Range(end_m, least_m));
         // Where another axis points up, the estimate says nothing about mounting and beams.
         if found.up == Up::default() {
@@ -239,7 +248,9 @@ impl Expected {
         let fits = |height_m: f32| {
             (low_m - HEIGHT_MARGIN_M..=high_m + HEIGHT_MARGIN_M).contains(&height_m)
         };
-        let are_feet = fits(height_m * 0.3048);
+        let own_m = self.sensor.as_ref().and_then(|sensor| sensor.height_m);
+        let is_given = own_m.is_some_and(|own_m| (own_m - height_m).abs() <= HEIGHT_OFF_M);
+        let are_feet = fits(height_m * 0.3048) && !is_given;
         let [feet, elsewhere] = [Reason::Feet, Reason::Height].map(|of| of(height_m, expected_m));
         add(!fits(height_m), if are_feet { feet } else { elsewhere });
         let (tilt_deg, most_deg) = (found.tilt_deg(), self.takes.tilt_max_deg);
@@ -302,7 +313,9 @@ impl Expected {
         let field_deg = sensor.field_deg.filter(|_| sensor.units.is_empty());
         if let Some([middle_deg, width_deg]) = field_deg {
             let [found_deg, found_width_deg] = found.field_deg;
-            let turn_deg = degrees_off(found_deg, middle_deg);
+            // Around the whole turn, the middle means nothing.
+            let is_turn = found_width_deg >= 360.0;
+            let turn_deg = degrees_off(if is_turn { middle_deg } else { found_deg }, middle_deg);
             let outside_deg = turn_deg + (found_width_deg - width_deg) / 2.0;
             // If the two gaps do not overlap, the found one is a cover, and returns on the far side of the profile's own gap are in its field.
             let is_gap_shared = 2.0 * turn_deg < 720.0 - width_deg - found_width_deg;
@@ -330,7 +343,15 @@ impl Expected {
         // Returns beyond the ends of the vertical field contradict it; missing returns do not, since some beams see only the sky.
         let [highest, lowest] = found.vertical_field_deg;
         let beyond_deg = (highest - top).max(bottom - lowest);
-        let ratio = found.beams as f32 / beams.len() as f32;
+        // Nor do beams that the robot itself hides all around.
+        let is_hidden = |deg: f32| {
+            let mut blind = sensor.blind.iter();
+            blind.any(|b| b.azimuth_deg[1] >= 360.0 && deg <= b.below_deg)
+        };
+        let seen = beams
+            .iter()
+            .filter(|deg| **deg < highest + 0.5 && !is_hidden(**deg));
+        let ratio = found.beams as f32 / seen.count().max(1) as f32;
         // Lines that wave show no separate beams.
         let is_other_count =
             sensor.wave.is_none() && !(1.0 / BEAMS_FACTOR..=BEAMS_FACTOR).contains(&ratio);
@@ -463,6 +484,40 @@ mod tests {
         (0..900 * 40).map(point).collect()
     }
 
+    /// What a VLP-16 sees of a wide floor, and of a ceiling at this height above it.
+    fn floor(height_m: f32, ceiling_m: f32) -> Vec<Point> {
+        let point = |number: u16| {
+            let (sin, cos) = (f32::from(number / 16) * 0.4).to_radians().sin_cos();
+            let slope = (f32::from(number % 16) * 2.0 - 15.0).to_radians().tan();
+            let z_m = if slope < 0.0 {
+                -height_m
+            } else {
+                ceiling_m - height_m
+            };
+            let at_m = z_m / slope;
+            let point = [at_m * cos, at_m * sin, z_m, 0.5];
+            (at_m < 90.0).then(|| bytemuck::cast::<[f32; 4], Point>(point))
+        };
+        (0..16 * 900).filter_map(point).collect()
+    }
+
+    #[test]
+    fn open_ground_and_low_ceilings_are_no_faults() {
+        let mut sensor = SensorProfile::load("vlp-16").expect("a product");
+        let takes = Takes {
+            height_m: [0.3, 3.0],
+            ..TAKES
+        };
+        for (height_m, ceiling_m) in [(1.7, f32::MAX), (0.4, f32::MAX), (0.5, 2.5), (0.8, 2.8)] {
+            sensor.height_m = Some(height_m);
+            let mut expected = expected(takes.clone());
+            expected.sensor = Some(sensor.clone());
+            let mut guard = Guard::new(expected);
+            let found = guard.check(&floor(height_m, ceiling_m), &DecodeReport::default());
+            assert_eq!(found, [], "{height_m} {ceiling_m}");
+        }
+    }
+
     #[test]
     fn a_tilt_beyond_the_limit_and_its_margin_is_told() {
         let is_told = |pitch_deg| {
@@ -510,6 +565,7 @@ mod tests {
             beams: 16,
             are_beams_clear: true,
             elevations_deg: sensor.elevations_deg.clone(),
+            vertical_field_deg: sensor.vertical_field_deg(),
             azimuth_step_deg: Some(step_deg),
             field_deg: [middle_deg, 118.0],
             ..SensorEstimate::default()

@@ -1,8 +1,7 @@
 //! The scans that are built into the program, in a temporary folder while they are used.
 
-use std::{fs, path::Path};
-
 use anyhow::Context;
+use std::{fs, path::Path};
 use tempfile::TempDir;
 
 /// A scan of `assets/`: its name, its points (KITTI's `.bin`, packed with zstd) and its labels.

@@ -1,16 +1,14 @@
 //! The command line.
 
-use std::{net::SocketAddr, path::PathBuf};
-
+use crate::settings::{DEFAULT_MODEL, Pace, Profile};
+use crate::{commands::loopback, external::ExternalArgs};
 use clap::{Args, Parser, Subcommand};
 use mluc_ipc_types::Stage;
 use mluc_refiner::Variant;
 use mluc_runtime::LOG_FORMATS;
 use mluc_sources::{INPUT, LayoutArgs};
 use serde::Serialize;
-
-use crate::settings::{DEFAULT_MODEL, Pace, Profile};
-use crate::{commands::loopback, external::ExternalArgs};
+use std::{net::SocketAddr, path::PathBuf};
 
 /// Known and unknown objects in LiDAR scans.
 #[derive(Debug, Parser)]
@@ -156,7 +154,7 @@ pub(crate) struct PipelineArgs {
     /// End this many seconds after all stages are ready, by the clock.
     #[arg(long, help_heading = INPUT)]
     pub(crate) seconds: Option<f64>,
-    /// Name of this pipeline: two with different names run side by side [default: MLUC_INSTANCE, else default; `demo`: a name of its own].
+    /// Name of this pipeline: two with different names run side by side [default: MLUC_INSTANCE, else default; `demo`, `replay`: a name of their own].
     #[arg(long)]
     pub(crate) instance: Option<String>,
     /// Configuration file (TOML).

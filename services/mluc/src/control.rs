@@ -1,14 +1,12 @@
 //! Messages of the supervisor to the stages and to `mluc monitor` during a run: a file in the instance's folder, read before each frame.
 
-use std::{collections::BTreeSet, os::unix::fs::MetadataExt, path::PathBuf, time::SystemTime};
-
+use crate::model::PinnedModel;
 use anyhow::Context;
 use mluc_ipc_types::FrameHeader;
 use mluc_model::ScoreMin;
 use mluc_runtime::Instance;
 use serde::{Deserialize, Serialize};
-
-use crate::model::PinnedModel;
+use std::{collections::BTreeSet, os::unix::fs::MetadataExt, path::PathBuf, time::SystemTime};
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Control {

@@ -1,14 +1,12 @@
 //! Settings as text: the configuration file with its errors, and the document that a running pipeline hands to its stages.
 
-use std::path::{Path, PathBuf};
-use std::{fs::File, fs::TryLockError, io::Write};
-
+use crate::{UsageError, settings::Settings};
 use anyhow::Context;
 use mluc_runtime::Instance;
 use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
+use std::{fs::File, fs::TryLockError, io::Write};
 use toml::Table;
-
-use crate::{UsageError, settings::Settings};
 
 /// Reads a TOML file as `T`. An error names line and column, and the nearest key where the key is unknown.
 pub fn read<T: DeserializeOwned>(path: &Path) -> anyhow::Result<T> {

@@ -1,11 +1,10 @@
 //! Commands that are separate programs, like cargo's subcommands: `mluc` only finds the program and replaces itself with it.
 
-use std::process::{Command, ExitCode};
-use std::{ffi::OsString, io::ErrorKind, os::unix::process::CommandExt, path::PathBuf};
-
 use anyhow::{Context, bail};
 use clap::Args;
 use mluc_runtime::{LOG_FORMAT_VARIABLE, log_format};
+use std::process::{Command, ExitCode};
+use std::{ffi::OsString, io::ErrorKind, os::unix::process::CommandExt, path::PathBuf};
 
 /// Arguments that are passed on as they are, `--help` too.
 #[derive(Args, Clone, Debug)]

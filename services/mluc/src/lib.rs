@@ -21,13 +21,12 @@ pub mod stages;
 mod supervisor;
 pub mod terminal;
 
-use std::process::ExitCode;
-
 use clap::Parser;
 use cli::{Cli, Command};
 pub use cli::{DoctorArgs, StageArgs};
 pub use commands::doctor;
 use mluc_runtime::choose_log_format;
+use std::process::ExitCode;
 use terminal::{print_at, print_err};
 use tracing::Level;
 

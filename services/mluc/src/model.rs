@@ -1,13 +1,11 @@
 //! Finding a model: built into this program, by name, or a file.
 
-use std::{fs, path::Path, path::PathBuf};
-
+use crate::{UsageError, document::nearest, settings::Settings};
 use anyhow::Context;
 use mluc_model::{HeadKind, Model};
 use mluc_runtime::Instance;
 use serde::{Deserialize, Serialize};
-
-use crate::{UsageError, document::nearest, settings::Settings};
+use std::{fs, path::Path, path::PathBuf};
 
 macro_rules! built_in {
     ($($name:literal),+) => {

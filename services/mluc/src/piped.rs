@@ -1,12 +1,10 @@
 //! `--input -`: one file of scans from standard input, stored on the disk while it is used.
 
+use crate::UsageError;
+use anyhow::{Context, ensure};
 use std::fs::{DirBuilder, File, read_dir, remove_dir_all, rename};
 use std::io::{IsTerminal, Read, copy, stdin};
 use std::{os::unix::fs::DirBuilderExt, path::Path, path::PathBuf};
-
-use anyhow::{Context, ensure};
-
-use crate::UsageError;
 
 /// Limit of the input's size, bytes: an hour of a fast sensor.
 const BYTES_MAX: u64 = 64 << 30;

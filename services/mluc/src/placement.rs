@@ -3,14 +3,12 @@
 //! Cores are set by the process itself, before it starts threads. A real-time priority needs a call that only `unsafe` code
 //! can make; `chrt` of util-linux, which every distribution has, makes it and becomes the stage.
 
-use std::{path::PathBuf, process::Command};
-
+use crate::{UsageError, settings::StageSettings};
 use anyhow::Context;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CapabilitySet, CpuSet, capabilities, sched_getaffinity, sched_setaffinity};
-
-use crate::{UsageError, settings::StageSettings};
+use std::{path::PathBuf, process::Command};
 
 impl StageSettings {
     pub(crate) fn check_placement(&self, stage: &str) -> Result<(), UsageError> {

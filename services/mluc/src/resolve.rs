@@ -1,16 +1,14 @@
 //! Merges the settings from their sources. A later layer wins: defaults, a running pipeline's document (only for `mluc stage`),
 //! the configuration file, the environment, the command line. The model gives the gate's threshold if none was given.
 
-use std::{collections::BTreeMap, path::Path};
-
+use crate::{UsageError, document, model};
+use crate::{cli::PipelineArgs, document::with_hint, settings::Settings};
 use anyhow::Context;
 use mluc_model::{Model, SensorProfile};
 use mluc_runtime::Instance;
 use mluc_sources::{FOLLOW, is_live};
+use std::{collections::BTreeMap, path::Path};
 use toml::{Table, Value};
-
-use crate::{UsageError, document, model};
-use crate::{cli::PipelineArgs, document::with_hint, settings::Settings};
 
 /// Settings, and the origin of each value.
 #[derive(Debug)]
@@ -87,8 +85,12 @@ impl Resolved {
         for (key, value) in table.iter().filter(|(_, value)| !value.is_table()) {
             let origin = self.origins.get(&below(path, key));
             let origin = origin.map_or("default", String::as_str);
-            // The model's own threshold is commented out: in a file it must not be used with another model.
-            let mark = if origin == "model" { "# " } else { "" };
+            // Defaults stay defaults, and the model's own threshold must not be used with another model: both are commented out.
+            let mark = if ["default", "model"].contains(&origin) {
+                "# "
+            } else {
+                ""
+            };
             *text += &format!("{:40} # {origin}\n", format!("{mark}{key} = {value}"));
         }
         for key in document::known_keys(path) {
@@ -218,10 +220,9 @@ fn flag_layers(args: &PipelineArgs) -> anyhow::Result<Vec<Table>> {
 
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
-
     use super::*;
     use crate::{cli::Cli, cli::Command, settings::Pace};
+    use clap::Parser;
 
     fn resolved(arguments: &[&str]) -> Resolved {
         let cli = Cli::try_parse_from(["mluc", "up"].iter().chain(arguments)).unwrap();
@@ -300,7 +301,7 @@ mod tests {
             (&text, "lambda = 1.25", "# flag"),
             (&text, "seconds = 9", "# flag"),
             (&text, "min_unknown_score = 0.25", "# flag"),
-            (&plain, "profile = \"balanced\"", "# default"),
+            (&plain, "# profile = \"balanced\"", "# default"),
             (&plain, "# unknown_min = ", "# model"),
             (&plain, "# seconds", "# not set"),
         ] {

@@ -1,8 +1,7 @@
 //! What a run shall do: one document. The configuration file has its form, `mluc config --print` shows it, and the supervisor
 //! hands it to the stages. `docs/configuration.md` describes every key.
 
-use std::{collections::BTreeSet, f64::consts::TAU, ops::Index, path::PathBuf};
-
+use crate::UsageError;
 use clap::ValueEnum;
 use mluc_backbone::Precision;
 use mluc_ipc_types::Stage;
@@ -13,9 +12,8 @@ use mluc_runtime::Instance;
 use mluc_sources::{Lidar, Open, Source, files::Layout, is_incomplete, ros2_topic};
 use serde::{Deserialize, Serialize};
 use smart_default::SmartDefault;
+use std::{collections::BTreeSet, f64::consts::TAU, ops::Index, path::PathBuf};
 use toml::Table;
-
-use crate::UsageError;
 
 /// The model where none is named, of every command: it takes any spinning LiDAR and looks all around.
 pub const DEFAULT_MODEL: &str = "any-open";

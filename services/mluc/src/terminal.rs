@@ -1,9 +1,8 @@
 //! The output of a command. A full or closed terminal or file causes an error at most, never a panic while stages run.
 
-use std::{fmt::Display, io::Write, io::stdout, time::Duration};
-
 use anyhow::Context;
 use mluc_runtime::{LOG_FORMATS, PatientStderr, log_format, log_line};
+use std::{fmt::Display, io::Write, io::stdout, time::Duration};
 use tracing::Level;
 
 /// How long a write waits for the reader of stderr.

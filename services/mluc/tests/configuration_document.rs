@@ -1,8 +1,7 @@
 //! `docs/configuration.md` names exactly the keys and the environment variables that the code reads.
 
-use std::{collections::BTreeSet, path::Path, path::PathBuf};
-
 use mluc::{document::known_keys, settings::Settings};
+use std::{collections::BTreeSet, path::Path, path::PathBuf};
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")

@@ -3,9 +3,8 @@
 //! A box says that an object may be there. The measurements of bushes, walls and posts differ from the measurements of bodies of any
 //! class. The layers are fitted without any unknown class. Extension of the paper, which ranks by the embedding alone.
 
-use mluc_model::{CLUSTER_SCORER, CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS, WeightSet};
-
 use crate::clusters::Measures;
+use mluc_model::{CLUSTER_SCORER, CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS, WeightSet};
 
 /// Number of measurements that are used.
 pub const FEATURES: usize = CLUSTER_SCORER_WIDTHS[0];

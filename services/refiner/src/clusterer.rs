@@ -1,12 +1,11 @@
 //! How a variant gets from a scan and its proposals to clusters and their boxes; and the clusterer that clusters the scan once.
 
-use mluc_geometry::{Box3, iou_bev};
-use mluc_ipc_types::{DETECTIONS_MAX, Disposition, Object, Point};
-
 use crate::clusters::{ClusterFinder, FrameCluster, Matcher, Measures};
 use crate::proposal::{NEAR_M, Proposal, reach_m};
 use crate::{Sensor, Settings, frame::FrameIndex, output::Counters};
 use mluc_geometry::ground::tiles::tile_rows;
+use mluc_geometry::{Box3, iou_bev};
+use mluc_ipc_types::{DETECTIONS_MAX, Disposition, Object, Point};
 
 pub(crate) struct FrameTask<'a> {
     pub(crate) sequence: u64,
@@ -148,12 +147,10 @@ fn nearest_known(known: &[(usize, Box3)], proposal: &Box3) -> Option<(usize, f64
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
+    use super::*;
     use mluc_geometry::Random;
     use mluc_ipc_types::{Detection, DetectionKind};
-
-    use super::*;
+    use std::path::Path;
 
     /// Simulated scans that are bundled with the programs.
     const SCANS: [&str; 4] = [

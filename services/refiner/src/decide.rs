@@ -5,25 +5,27 @@
 //! 3. **Score**: the proposal's score (how sure the network is that an object is there and that it is none of the known
 //!    classes) times the cluster's score (how likely it drives or walks). If the size is no road user's, the second factor
 //!    is 0.05 instead, and a flag gives the reason: the object stays, behind all others.
-//! 4. **Disposition**: an object that the robot's owner allows it to drive over is `undersized`; then known objects and
+//! 4. **Disposition**: an object that the robot's owner allows it to drive over is `undersized`; then sure known objects and
 //!    better unknown objects suppress the objects that they cover ([`crate::merge`]).
 //! 5. **Profile**: a remaining object, known or unknown, is `low_score` if it is below the scores of the operating profile.
 //!    All others are published.
 //! 6. **Reading**: with P(unknown), a candidate that has a class has two readings, unknown and known; one is published
-//!    ([`crate::RefinerOutput::choose_readings`]).
-
-use mluc_geometry::Box3;
-use mluc_ipc_types::{Detection, Disposition, Object, ObjectKind};
-use mluc_model::ScoreMin;
+//!    ([`crate::RefinerOutput::choose_readings`]). A doubted known object gives way to a published unknown one at its place.
 
 use crate::proposal::Proposal;
 use crate::{ClusterScorer, RefinerError, RobotSettings, Sensor, Settings, priors};
+use mluc_geometry::Box3;
+use mluc_ipc_types::{Detection, Disposition, Object, ObjectKind};
+use mluc_model::ScoreMin;
 
 /// Factor on the score of an unlikely object, and the minimum of a cluster's score.
 const UNLIKELY: f32 = 0.05;
 /// Exponent of P(unknown). A sure object that may be unknown is mostly a known one, so the probability counts more than the objectness.
 /// The best of 1, 2, 3, 5 and 9 on the validation scans of all three families.
 const UNKNOWN_POWER: i32 = 3;
+
+/// P(unknown) from which a known object is doubted. On simulated validation 0.2 to 0.5 are equal.
+const DOUBTED_FROM: f32 = 0.3;
 
 /// Scores unknown objects and decides which sizes count.
 #[derive(Debug)]
@@ -82,6 +84,12 @@ impl UnknownScorer {
     /// Whether a candidate has a known reading too: P(unknown) says that it may be known, the paper's gate does not.
     pub(crate) fn reads_twice(&self) -> bool {
         self.is_ours && self.tells_unknown
+    }
+
+    /// Whether a known object may be unknown after all: then it takes no points from unknown objects and suppresses none.
+    pub(crate) fn doubts(&self, detection: &Detection) -> bool {
+        let may_be = detection.unknown_probability >= DOUBTED_FROM;
+        self.reads_twice() && may_be && !detection.is_candidate()
     }
 
     pub(crate) fn reads_clusters(&self) -> bool {

@@ -4,12 +4,11 @@
 //! covariance. The motion is the one that matches them best with the earlier scan (normal distributions transform, Biber and Strasser, IROS 2003;
 //! distributions with distributions as Stoyanov et al., IJRR 2012). Few things move, so they hardly count. Height, roll and pitch are not used.
 
+use crate::FrameIndex;
 use mluc_geometry::ground::tiles::{NO_TILE, TILES, tile_of, tile_rows};
 use mluc_ipc_types::{EgoPose, FrameHeader};
 use nalgebra::{Isometry2, Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 use smart_default::SmartDefault;
-
-use crate::FrameIndex;
 
 /// Used heights above a tile's lowest point, m: neither ground nor ceiling; minimum standard deviation, m, of upright points' heights at one place.
 const HEIGHTS_M: [f32; 2] = [0.25, 2.5];
@@ -269,10 +268,9 @@ fn told(pose: &Isometry2<f64>, is_known: u32) -> EgoPose {
 
 #[cfg(test)]
 mod tests {
-    use mluc_ipc_types::Point;
-
     use super::*;
     use crate::testing::{sorted, unpacked};
+    use mluc_ipc_types::Point;
 
     /// A simulated scan that is bundled with the program, seen from a pose.
     fn seen_from(pose: &Isometry2<f64>) -> FrameIndex {

@@ -2,13 +2,12 @@
 //!
 //! A counting sort, linear in the points. Points that are not finite are left out and counted; points farther than 128 m along x or y are left out.
 
+use crate::fit::lower;
 use mluc_geometry::ground::tiles::{NO_TILE, TILES, tile_of, tile_rows};
 use mluc_geometry::ground::{GROUND_HALF_M, lower_point};
 use mluc_ipc_types::{POINTS_MAX, Point};
 use mluc_kernels::at_best;
 use smart_default::SmartDefault;
-
-use crate::fit::lower;
 
 /// A point with its index in the scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -1,9 +1,8 @@
 //! Decides which unknown boxes are kept (the last line of the paper's algorithm 1, and what it leaves open).
 
+use crate::{Variant, proposal::Proposal};
 use mluc_geometry::{Box3, Inside, intersection_over_min_area, iou_bev};
 use mluc_ipc_types::{Disposition, Point};
-
-use crate::{Variant, proposal::Proposal};
 
 /// Intersection over the smaller area above which the weaker unknown object is suppressed.
 const OVERLAP_MAX: f64 = 0.5;
@@ -95,6 +94,22 @@ fn clash_with_known(proposals: &mut [Proposal], points: &[u32], scan: &[Point]) 
         if let Some((by, overlap)) = worst {
             proposals[index].suppress(Disposition::OverlapsKnown, by, overlap);
         }
+    }
+}
+
+/// Finds, for each doubted known object, the best unknown object that stands where it lies.
+pub(crate) fn find_rivals(proposals: &mut [Proposal]) {
+    for index in 0..proposals.len() {
+        let known = &proposals[index];
+        if !known.is_known() || !known.is_doubted {
+            continue;
+        }
+        let standing = proposals.iter().filter(|unknown| unknown.is_standing());
+        let overlap = |unknown: &Proposal| iou_bev(&unknown.shape, &known.shape);
+        let at_place = standing.filter(|unknown| overlap(unknown) > KNOWN_IOU);
+        let best = at_place.max_by(|a, b| a.score.total_cmp(&b.score));
+        let rival = best.map(|best| (best.detection, overlap(best) as f32));
+        proposals[index].rival = rival;
     }
 }
 

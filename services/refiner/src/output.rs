@@ -44,9 +44,10 @@ pub struct RefinerOutput {
     /// One for each detection, in the order of the detections, then the second readings.
     #[default(Vec::with_capacity(OBJECTS_MAX))]
     pub objects: Vec<Object>,
-    /// For each second reading, in order, the index of its first reading; empty if both are published.
+    /// For known objects that may be unknown, their index, that of the unknown object at their place (for a second reading its first) and
+    /// the share of overlap; empty if both are published.
     #[default(Vec::with_capacity(OBJECTS_MAX))]
-    pub second_of: Vec<usize>,
+    pub rivals: Vec<(usize, (usize, f32))>,
     /// Measurements of each object's cluster, if it has a measured one.
     #[default(Vec::with_capacity(OBJECTS_MAX))]
     pub measures: Vec<Option<Measures>>,
@@ -58,18 +59,17 @@ pub struct RefinerOutput {
 }
 
 impl RefinerOutput {
-    /// Keeps one of the two readings of a box: the known one if the unknown object has a low score, no cluster or an unconfirmed track, or if such an
+    /// Keeps one of the two readings of a place: the known one if the unknown object has a low score, no cluster or an unconfirmed track, or if such an
     /// object covers it. To be called last, when tracks are known.
     pub fn choose_readings(&mut self) {
         use Disposition::{LowScore, OverlapsUnknown, TooFewPoints, Unconfirmed};
-        let seconds = self.objects.len() - self.second_of.len()..;
-        for (index, &first) in seconds.zip(&self.second_of) {
+        for &(index, (first, share)) in &self.rivals {
             let own = self.objects[first];
             let is_covered = own.disposition == OverlapsUnknown as u32;
             let (by, overlap) = if is_covered {
                 (own.suppressed_by, own.overlap)
             } else {
-                (first as u32, 1.0)
+                (first as u32, share)
             };
             let best = self.objects[by as usize];
             let second = &mut self.objects[index];

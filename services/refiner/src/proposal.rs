@@ -1,9 +1,8 @@
 //! The head's proposals and what becomes of them: one for each detection, in the detections' order, then the second readings.
 
+use crate::{clusters::Measures, fit::Footprint, merge::KNOWN_SCORE_MIN};
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, Disposition, GateKind, NO_PROBABILITY, Object, ObjectKind};
-
-use crate::{clusters::Measures, fit::Footprint, merge::KNOWN_SCORE_MIN};
 
 /// The state of one object before it is written out.
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +24,11 @@ pub(crate) struct Proposal {
     /// Measurements of its cluster, if the variant takes any.
     pub(crate) measures: Option<Measures>,
     /// Whether it is the second reading of a candidate: the candidate as a known object.
+    pub(crate) is_second: bool,
+    /// Whether it is known and P(unknown) says that it may not be.
     pub(crate) is_doubted: bool,
+    /// The best unknown object that lies where this doubted one lies, or its first reading, and the share of overlap.
+    pub(crate) rival: Option<(usize, f32)>,
     /// Whether a known object is below the score of the profile.
     pub(crate) is_low: bool,
 }
@@ -79,17 +82,20 @@ impl Proposal {
             points: (0, 0),
             footprint: Footprint::of_box(&shape),
             measures: None,
+            is_second: false,
             is_doubted: false,
+            rival: None,
             is_low: false,
         }
     }
 
     /// The second reading of a candidate: the box of its class.
-    pub(crate) fn doubted(&self, detection: &Detection) -> Proposal {
+    pub(crate) fn second(&self, detection: &Detection) -> Proposal {
         Proposal {
             kind: ObjectKind::Known,
             score: detection.score,
-            is_doubted: true,
+            is_second: true,
+            rival: Some((self.detection, 1.0)),
             ..*self
         }
     }
@@ -118,7 +124,8 @@ impl Proposal {
 
     /// Whether it is known for sure, and to be published: points in its box belong to it.
     pub(crate) fn is_sure(&self) -> bool {
-        self.is_known() && !self.is_doubted && !self.is_low && self.score >= KNOWN_SCORE_MIN
+        let is_unsure = self.is_second || self.is_doubted || self.is_low;
+        self.is_known() && !is_unsure && self.score >= KNOWN_SCORE_MIN
     }
 
     /// Whether it is unknown and not suppressed.

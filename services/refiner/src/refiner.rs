@@ -1,18 +1,17 @@
 //! The stage: detections and points of one frame to objects (paper section 3.3).
 
+use crate::clusterer::{Clusterer, FrameTask, NoClusterer, ScanClusterer};
+use crate::decide::{UnknownScorer, leave_out_low_scores};
+use crate::merge::{KNOWN_MARGIN_M, best_first, find_rivals, merge};
+use crate::proposal::{Proposal, valid_box};
+use crate::{ClusterScorer, RefinerError, Sensor, Settings, Variant};
+use crate::{frame::FrameIndex, output::Counters, output::RefinerOutput, paper::PaperClusterer};
 use mluc_geometry::{Box3, Inside};
 use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, Disposition, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, ObjectKind,
     POINTS_MAX, Point,
 };
 use mluc_model::{Beams, Model, Probabilities, ScoreMin};
-
-use crate::clusterer::{Clusterer, FrameTask, NoClusterer, ScanClusterer};
-use crate::decide::{UnknownScorer, leave_out_low_scores};
-use crate::merge::{KNOWN_MARGIN_M, best_first, merge};
-use crate::proposal::{Proposal, valid_box};
-use crate::{ClusterScorer, RefinerError, Sensor, Settings, Variant};
-use crate::{frame::FrameIndex, output::Counters, output::RefinerOutput, paper::PaperClusterer};
 
 /// Maximum work of all candidates of a frame in the paper's variants: reads of points. It is counted and not timed, so that
 /// equal input gives equal output. In the variant that clusters the scan once, the number of points bounds the work.
@@ -171,6 +170,10 @@ impl Refiner {
             }
         }
         merge(proposals, task.points, scan, variant, &mut self.order);
+        // Without a least score every unknown object is published, however weak: it takes no known object's place.
+        if self.scorer.reads_twice() && self.settings.score_min.unknown > 0.0 {
+            find_rivals(proposals);
+        }
         leave_out_low_scores(proposals, self.settings.score_min);
         self.write_out(detections, out);
     }
@@ -187,8 +190,11 @@ impl Refiner {
                 Some(shape) => {
                     let score = self.scorer.score_candidate(detection);
                     let proposal = Proposal::of_detection(index, detection, shape, score);
-                    let is_low = proposal.score < self.settings.score_min.known;
-                    Proposal { is_low, ..proposal }
+                    Proposal {
+                        is_low: proposal.score < self.settings.score_min.known,
+                        is_doubted: self.scorer.doubts(detection),
+                        ..proposal
+                    }
                 }
                 None => {
                     self.counters.invalid_detections += 1;
@@ -200,9 +206,9 @@ impl Refiner {
         if self.scorer.reads_twice() {
             for (index, detection) in detections.iter().enumerate().take(self.proposals.len()) {
                 let first = &self.proposals[index];
-                let is_doubted = first.is_standing() && detection.has_class();
-                if is_doubted && self.proposals.len() < OBJECTS_MAX {
-                    self.proposals.push(first.doubted(detection));
+                let has_second = first.is_standing() && detection.has_class();
+                if has_second && self.proposals.len() < OBJECTS_MAX {
+                    self.proposals.push(first.second(detection));
                 }
             }
         }
@@ -246,10 +252,11 @@ impl Refiner {
         out.objects.clear();
         out.object_points.clear();
         out.measures.clear();
-        out.second_of.clear();
+        out.rivals.clear();
         if !self.settings.score_min.both_readings {
-            let seconds = self.proposals.iter().filter(|p| p.is_doubted);
-            out.second_of.extend(seconds.map(|p| p.detection));
+            let rival = |(index, own): (usize, &Proposal)| Some((index, own.rival?));
+            let rivals = self.proposals.iter().enumerate().filter_map(rival);
+            out.rivals.extend(rivals);
         }
         (out.measures).extend(self.proposals.iter().map(|p| p.measures));
         out.counters = self.counters;
@@ -274,7 +281,7 @@ impl Refiner {
         }
         for published in [true, false] {
             for (proposal, object) in self.proposals.iter().zip(&mut out.objects) {
-                let counts = proposal.disposition == Disposition::Published && !proposal.is_doubted;
+                let counts = proposal.disposition == Disposition::Published && !proposal.is_second;
                 if counts != published {
                     continue;
                 }

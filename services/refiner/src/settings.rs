@@ -2,11 +2,10 @@
 //!
 //! What is known of vehicles stands in `priors.rs`, and what only a study turns is [`Study`].
 
-use std::fmt::Display;
-
 use mluc_model::ScoreMin;
 use serde::{Deserialize, Serialize};
 use smart_default::SmartDefault;
+use std::fmt::Display;
 
 /// Settings, a model or a sensor that no refiner can work with: what it is about, what is expected, what was found.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

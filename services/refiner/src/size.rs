@@ -1,9 +1,8 @@
 //! Decisions by a cluster's size.
 
-use std::sync::LazyLock;
-
 use crate::fit::ClusterPoints;
 use crate::priors::{LOW_M, TALL_FROM_M, TALL_M};
+use std::sync::LazyLock;
 
 /// Whether a cluster is no larger than one object can be.
 pub(crate) fn is_whole(cluster: &ClusterPoints) -> bool {

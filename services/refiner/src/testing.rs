@@ -1,8 +1,7 @@
 //! Helpers for tests.
 
-use mluc_ipc_types::Point;
-
 use crate::FrameIndex;
+use mluc_ipc_types::Point;
 
 pub(crate) fn point([x_m, y_m, z_m]: [f32; 3]) -> Point {
     bytemuck::cast([x_m, y_m, z_m, 0.0])

@@ -4,13 +4,12 @@
 //! An object that moves over the ground is no bush. So a track gets the mean log odds of its best frames, and more if it moves; a track that stands
 //! still for a whole window is ranked lower, also before it is confirmed. A confirmed track stays confirmed. Known objects are never delayed.
 
+use crate::{RefinerError, RefinerOutput};
 use mluc_ipc_types::{
     Disposition, EgoPose, FrameHeader, OBJECTS_MAX, Object, ObjectKind, TrackNews,
 };
 use serde::{Deserialize, Serialize};
 use smart_default::SmartDefault;
-
-use crate::{RefinerError, RefinerOutput};
 
 /// Maximum number of frames that a track remembers.
 const FRAMES_MAX: usize = 32;

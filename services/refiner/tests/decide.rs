@@ -206,6 +206,31 @@ fn what_is_below_the_profiles_scores_is_not_published() {
 }
 
 #[test]
+fn a_doubted_known_object_suppresses_nothing_and_gives_way() {
+    use Disposition::{LowScore, OverlapsKnown, OverlapsUnknown, Published};
+    let own = candidates()[0];
+    for (p, unknown, expected) in [
+        (0.1, 0.1, [Published, OverlapsKnown]),
+        (0.4, 0.1, [OverlapsUnknown, Published]),
+        (0.4, 0.9, [Published, LowScore]),
+        (0.4, 0.0, [Published, Published]),
+    ] {
+        let mut doubted = known(&boxes()[0], 0, 0.8);
+        doubted.unknown_probability = p;
+        let mut refiner = Refiner::new(Settings::default(), &open()).expect("settings");
+        refiner.set_score_min(ScoreMin {
+            unknown,
+            ..ScoreMin::default()
+        });
+        let mut generic = own;
+        generic.unknown_probability = 0.7;
+        let out = refined(refiner, &[doubted, generic]);
+        let found = [&out.objects[0], &out.objects[1]].map(|object| object.disposition);
+        assert_eq!(found, expected.map(|one| one as u32), "{p} {unknown}");
+    }
+}
+
+#[test]
 fn a_doubted_box_is_published_once_or_as_all_that_it_may_be() {
     // Carts with a class, sure enough to be unknown or not, and one whose points are a car's; a pole of an anchor without a class.
     let mut detections = candidates().to_vec();

@@ -1,7 +1,5 @@
 //! DDS as ROS 2 uses it: names of topics and types, the domain, messages that are in CDR already.
 
-use std::{convert::Infallible, time::Duration, time::Instant};
-
 use anyhow::Context;
 use bytes::Bytes;
 use mluc::UsageError;
@@ -11,6 +9,7 @@ use rustdds::{
     DomainParticipant, QosPolicies, QosPolicyBuilder, RepresentationIdentifier as Encoding, Topic,
     TopicKind,
 };
+use std::{convert::Infallible, time::Duration, time::Instant};
 
 /// The largest domain that leaves room for the ports of 120 participants per machine (DDSI-RTPS 2.5, section 9.6.2).
 const DOMAIN_MAX: u16 = 232;

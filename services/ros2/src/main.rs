@@ -5,11 +5,10 @@ mod dds;
 mod publish;
 mod source;
 
-use std::process::ExitCode;
-
 use clap::Parser;
 use mluc::{DoctorArgs, StageArgs, doctor, exit_code, stages};
 use mluc_runtime::{Instance, log_to_stderr};
+use std::process::ExitCode;
 
 /// rustdds is silenced: it logs errors for packets that it drops, and during its own shutdown.
 const LOG: &str = "info,rustdds=off";

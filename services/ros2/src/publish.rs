@@ -1,7 +1,6 @@
 //! `mluc publish`: the messages of `mluc record` as live topics. Nothing in the pipeline waits for it, and it waits for no subscriber.
 
-use std::time::Instant;
-
+use crate::dds::{Encoded, Patience, anew, join, keep, topic};
 use anyhow::Context;
 use bytes::Bytes;
 use mluc_gateway::ros2::topics;
@@ -9,8 +8,7 @@ use mluc_runtime::Instance;
 use mluc_view::Follower;
 use rustdds::{DataWriterStatus, DomainParticipant, DomainParticipantStatusEvent as Event};
 use rustdds::{Duration, LostReason, QosPolicyBuilder, StatusEvented, no_key::DataWriter};
-
-use crate::dds::{Encoded, Patience, anew, join, keep, topic};
+use std::time::Instant;
 
 /// Number of sent clouds and of other sent messages that are kept. Clouds: at least `BEHIND_MAX`, or a new one replaces the one being sent.
 const DEPTH: [i32; 2] = [10, 5];

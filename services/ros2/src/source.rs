@@ -1,9 +1,6 @@
 //! Scans from a ROS 2 topic. Only the newest cloud is used; skipped clouds are counted by the publisher's sequence numbers.
 
-use std::thread::{Thread, current, park_timeout};
-use std::time::{Duration, Instant};
-use std::{path::Path, sync::Arc, task::Wake, task::Waker};
-
+use crate::dds::{Encoded, Patience, anew, join, keep, topic};
 use mluc::UsageError;
 use mluc_gateway::ros2::topics;
 use mluc_runtime::wall_clock_ns;
@@ -11,8 +8,9 @@ use mluc_sources::files::Layout;
 use mluc_sources::{LiveScans, Next, ODOMETRY, Odometry, Scan, Source, TF, TRANSFORMS, ros2_topic};
 use rustdds::{DomainParticipant, GUID, QosPolicyBuilder};
 use rustdds::{no_key::SimpleDataReader, policy::Durability};
-
-use crate::dds::{Encoded, Patience, anew, join, keep, topic};
+use std::thread::{Thread, current, park_timeout};
+use std::time::{Duration, Instant};
+use std::{path::Path, sync::Arc, task::Wake, task::Waker};
 
 /// Clouds in the queue: the newest, and the one that arrives.
 const CLOUDS_MAX: i32 = 2;

@@ -1,9 +1,8 @@
 //! Another implementation at both ends: Cyclone DDS publishes clouds and reads objects (`cyclone.py`).
 
-use std::{net::UdpSocket, process::Command, time::Duration};
-
 use mluc::bundled::BundledScans;
 use mluc_tests::{Running, Setting, built_program, python_with, root, skip, write_file};
+use std::{net::UdpSocket, process::Command, time::Duration};
 
 /// Multicast may be missing, so participants of this machine are contacted one by one.
 const CYCLONE: &str = "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General><Discovery>\

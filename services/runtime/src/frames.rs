@@ -1,11 +1,9 @@
 //! The frames of a topic as a stage takes them: the newest frame of this run and its model that ingest has sent and whose
 //! sequence does not go backwards. All other frames are refused and counted.
 
-use std::time::Duration;
-
-use mluc_ipc_types::{ContractError, FrameHeader, Point, RunDescription, Topic};
-
 use crate::{Input, Next, Payload, Scans, Shell, error::Result};
+use mluc_ipc_types::{ContractError, FrameHeader, Point, RunDescription, Topic};
+use std::time::Duration;
 
 /// A topic's frames.
 pub struct Frames<T: Payload> {

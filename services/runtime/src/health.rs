@@ -1,11 +1,10 @@
 //! The heartbeats of the stages: publishing them and reading them.
 
-use hdrhistogram::Histogram;
-use mluc_ipc_types::{FrameHeader, Health, HealthState, Stage, Topic};
-
 use crate::{
     Input, Output, RuntimeError, error::Result, monotonic_ns, node::IpcNode, run::RunWatch,
 };
+use hdrhistogram::Histogram;
+use mluc_ipc_types::{FrameHeader, Health, HealthState, Stage, Topic};
 
 /// Time between two heartbeats while nothing changes, ns.
 const PERIOD_NS: u64 = 100_000_000;

@@ -1,14 +1,12 @@
 //! The consumer's end of a topic.
 
-use std::{rc::Rc, time::Duration};
-
-use iceoryx2::sample::Sample;
-use iceoryx2::{port::listener::Listener, port::subscriber::Subscriber, prelude::PortFactory};
-use mluc_ipc_types::{FrameHeader, Topic};
-
 use crate::error::{Result, refusal};
 use crate::node::{DataService, IpcNode, WakeService};
 use crate::{Instance, Ipc, Payload, RuntimeError, mapping, monotonic_ns};
+use iceoryx2::sample::Sample;
+use iceoryx2::{port::listener::Listener, port::subscriber::Subscriber, prelude::PortFactory};
+use mluc_ipc_types::{FrameHeader, Topic};
+use std::{rc::Rc, time::Duration};
 
 /// Longest sleep of a wait that no listener can end.
 const BLIND_WAIT: Duration = Duration::from_millis(5);

@@ -3,9 +3,8 @@
 //! Everything of an instance is in `/dev/shm`: the folder [`Instance::root`], `/dev/shm/mluc-UID-NAME` (locks, iceoryx2's small files), and the segments whose
 //! names begin with [`Instance::prefix`], `mluc-UID-NAME.`. On a tmpfs iceoryx2 finds a dead process through files three times faster than on a disk.
 
-use std::path::{Path, PathBuf};
-
 use crate::{RuntimeError, error::Result};
+use std::path::{Path, PathBuf};
 
 /// Where POSIX shared memory lies on Linux.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";

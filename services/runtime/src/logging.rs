@@ -4,18 +4,16 @@
 mod repeats;
 mod stderr;
 
+use crate::monotonic_ns;
+use humantime::format_rfc3339_millis;
+use repeats::Repeats;
+use serde_json::json;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::{collections::BTreeMap, fmt::Debug, io::Write, time::Duration, time::SystemTime};
-
-use humantime::format_rfc3339_millis;
-use serde_json::json;
+pub use stderr::PatientStderr;
 use tracing::{Level, field::Field, field::Visit};
 use tracing_subscriber::prelude::*;
 use tracing_subscriber::{EnvFilter, filter::LevelFilter};
-
-use crate::monotonic_ns;
-use repeats::Repeats;
-pub use stderr::PatientStderr;
 
 static IS_JSON: OnceLock<bool> = OnceLock::new();
 /// Name of this process in its log lines.

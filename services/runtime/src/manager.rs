@@ -1,9 +1,8 @@
 //! Notifications to systemd from a service of `Type=notify`: it is ready, it is alive, it ends (sd_notify(3)).
 
+use crate::monotonic_ns;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::{ffi::OsStr, os::linux::net::SocketAddrExt, os::unix::ffi::OsStrExt};
-
-use crate::monotonic_ns;
 
 /// Variables of the service manager, which a service must not pass on to the processes that it starts.
 pub const MANAGER_VARIABLES: [&str; 3] = ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"];

@@ -3,9 +3,8 @@
 //! At the first write to a fresh page of shared memory the kernel must provide the page. Measured: the first 36 MB message takes
 //! 18 times as long as later ones. iceoryx2 has no option that touches pages in advance.
 
-use std::{collections::HashSet, ops::Range};
-
 use crate::{Instance, error::Result, instance::SHARED_MEMORY};
+use std::{collections::HashSet, ops::Range};
 
 /// A part of this process's address space that maps a data segment of an instance.
 #[derive(Debug, PartialEq, Eq)]

@@ -3,16 +3,14 @@
 //! Each process has a shared lock on `.lock` in the root folder. A process that gets an exclusive lock is alone: at its start it
 //! removes what a crash left, at its end it removes everything. So nothing stays in shared memory, in whatever order processes end.
 
+use crate::{Instance, RuntimeError, error::Result, mapping::mappings, sweep};
+use mluc_ipc_types::WIRE_VERSION;
+use rustix::fs::{FlockOperation, OFlags, flock};
+use rustix::process::{Pid, geteuid, getppid};
 use std::os::unix::fs::{DirBuilderExt, FileExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use std::{fs, fs::File, fs::OpenOptions, io::ErrorKind};
-
-use mluc_ipc_types::WIRE_VERSION;
-use rustix::fs::{FlockOperation, OFlags, flock};
-use rustix::process::{Pid, geteuid, getppid};
-
-use crate::{Instance, RuntimeError, error::Result, mapping::mappings, sweep};
 
 const LOCK: &str = ".lock";
 const CONTRACT: &str = "contract";

@@ -1,7 +1,6 @@
 //! iceoryx2's node of this process, and opening services from the one table.
 
-use std::{fmt::Debug, time::Duration, time::Instant};
-
+use crate::{Instance, Ipc, Payload, RuntimeError, error::Result, sweep};
 use iceoryx2::node::{Node, NodeBuilder, NodeState};
 use iceoryx2::prelude::{
     CallbackProgression, Config, FileName, LogLevel, NodeName, Path, SemanticString, ServiceName,
@@ -12,8 +11,7 @@ use iceoryx2::service::builder::publish_subscribe::{
 };
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use mluc_ipc_types::{FrameHeader, Topic};
-
-use crate::{Instance, Ipc, Payload, RuntimeError, error::Result, sweep};
+use std::{fmt::Debug, time::Duration, time::Instant};
 
 pub(crate) type DataService<T> = publish_subscribe::PortFactory<Ipc, [T], FrameHeader>;
 pub(crate) type WakeService = event::PortFactory<Ipc>;

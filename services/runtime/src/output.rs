@@ -1,13 +1,12 @@
 //! The producer's end of a topic.
 
+use crate::error::{Result, refusal};
+use crate::node::{DataService, IpcNode, WakeService};
+use crate::{Instance, Ipc, Payload, RuntimeError, instance::SHARED_MEMORY};
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, PortFactory};
 use iceoryx2::{port::notifier::Notifier, port::publisher::Publisher, sample_mut::SampleMut};
 use mluc_ipc_types::{FrameHeader, Topic};
-
-use crate::error::{Result, refusal};
-use crate::node::{DataService, IpcNode, WakeService};
-use crate::{Instance, Ipc, Payload, RuntimeError, instance::SHARED_MEMORY};
 
 /// Lends memory of a topic, sends it, and wakes the consumers that wait for it.
 pub struct Output<T: Payload> {

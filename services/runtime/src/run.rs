@@ -1,10 +1,8 @@
 //! Which run this process takes part in: the topic `run`, read and written.
 
-use std::hash::{BuildHasher, RandomState};
-
-use mluc_ipc_types::{RunDescription, Topic};
-
 use crate::{Input, error::Result, monotonic_ns, node::IpcNode};
+use mluc_ipc_types::{RunDescription, Topic};
+use std::hash::{BuildHasher, RandomState};
 
 /// Role of the process that describes the run: one at a time.
 pub(crate) const ROLE: &str = "run";

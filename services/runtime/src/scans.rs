@@ -1,11 +1,9 @@
 //! The scans of a run for the stages after the backbone: how many scans ingest has sent, and the last ones, kept in shared
 //! memory, so that a refiner finds the points of the frame whose detections it received.
 
-use std::collections::VecDeque;
-
-use mluc_ipc_types::{Point, RunDescription, Topic};
-
 use crate::{Input, Message, Shell, error::Result, input::Wake};
+use mluc_ipc_types::{Point, RunDescription, Topic};
+use std::collections::VecDeque;
 
 /// Scans kept after a frame was refined: at about that time the backbone has taken the newest scan or the one before it.
 const PINNED: usize = 2;

@@ -1,17 +1,15 @@
 //! One process of an instance.
 
-use std::time::{Duration, Instant};
-
-use mluc_ipc_types::{
-    FrameHeader, Health, HealthState, RunDescription, Stage, Text, Topic, WIRE_VERSION,
-};
-
 use crate::{
     Claim, HealthWatch, Input, Instance, Membership, Message, Output, Payload, RuntimeError,
     Shutdown, StatusWatch, monotonic_ns,
 };
 use crate::{error::Result, health::Heartbeat, input::Wake, manager::Manager, node::IpcNode};
 use crate::{mapping, mapping::Prefault, run, run::RunWatch};
+use mluc_ipc_types::{
+    FrameHeader, Health, HealthState, RunDescription, Stage, Text, Topic, WIRE_VERSION,
+};
+use std::time::{Duration, Instant};
 
 /// Time between two checks for new segments, ns.
 const TOUCH_PERIOD_NS: u64 = 100_000_000;

@@ -1,13 +1,11 @@
 //! SIGTERM and SIGINT set one flag, SIGHUP sets another. The loops check these flags.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
-
+use crate::{RuntimeError, error::Result};
 use nix::sys::signal::{SigSet, Signal};
 use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
-
-use crate::{RuntimeError, error::Result};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 
 /// Makes signals what programs expect, whatever the parent has made of them: children can be waited for, requests to end arrive, and a terminal's
 /// `tostop` does not stop a stage that writes to it. Programs that are started later inherit the last two.

@@ -1,10 +1,8 @@
 //! A stage's process without its algorithm: take, check, count, stamp, publish.
 
-use std::time::Duration;
-
-use mluc_ipc_types::{ContractError, FrameHeader, HealthState, Point, Stage, Topic};
-
 use crate::{Frames, Next, Payload, RuntimeError, Scans, Shell, monotonic_ns};
+use mluc_ipc_types::{ContractError, FrameHeader, HealthState, Point, Stage, Topic};
+use std::time::Duration;
 
 /// Why a stage has no result for a frame.
 #[derive(Debug, thiserror::Error)]

@@ -1,8 +1,7 @@
 //! The topic `status`, as its consumers read it.
 
-use mluc_ipc_types::{Status, Topic};
-
 use crate::{Input, error::Result, monotonic_ns, node::IpcNode};
+use mluc_ipc_types::{Status, Topic};
 
 /// Follows the topic.
 pub struct StatusWatch {

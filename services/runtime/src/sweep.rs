@@ -1,10 +1,9 @@
 //! Removing what an instance left in shared memory.
 
+use crate::{Instance, RuntimeError, error::Result, instance::SHARED_MEMORY};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::{collections::HashSet, ffi::OsString, fs, io::ErrorKind, os::unix::fs::OpenOptionsExt};
-
-use crate::{Instance, RuntimeError, error::Result, instance::SHARED_MEMORY};
 
 /// Paths of the instance's segments.
 fn segments(instance: &Instance) -> Vec<PathBuf> {

@@ -1,8 +1,6 @@
 //! The ports of two processes, in one process: each shell maps the segments itself. Frames of another run or model, or out of sequence, are never used.
 //! Heartbeats that make no sense are ignored.
 
-use std::time::Duration;
-
 use bytemuck::Zeroable;
 use mluc_ipc_types::{
     Detection, FeatureBlock, FrameHeader, Health, HealthState, Point, RunDescription, Stage, Topic,
@@ -12,6 +10,7 @@ use mluc_runtime::{
     Frames, Input, Instance, Next, Output, Payload, RuntimeError, Scans, Shell, Shutdown,
     random_run_id,
 };
+use std::time::Duration;
 
 const MODEL: u64 = 42;
 /// The model that the run changes to.

@@ -1,11 +1,9 @@
 //! Command-line options that set how an input is read.
 
-use std::path::PathBuf;
-
+use crate::{files::Layout, shard::shard};
 use clap::Args;
 use serde::Serialize;
-
-use crate::{files::Layout, shard::shard};
+use std::path::PathBuf;
 
 /// The heading of the input's options in the help.
 pub const INPUT: &str = "Input";

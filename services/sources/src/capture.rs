@@ -1,12 +1,10 @@
 //! Scans from a capture of a sensor's packets.
 
-use std::path::{Path, PathBuf};
-
-use anyhow::{Context, Result};
-use mluc_ipc_types::Flags;
-
 use crate::packets::{Calibration, Decoder, Revolution};
 use crate::{Next, Scan, files::Layout, numbered, pcap::Capture, rounds::Rounds};
+use anyhow::{Context, Result};
+use mluc_ipc_types::Flags;
+use std::path::{Path, PathBuf};
 
 /// Datagrams per call. After these the caller must call again, because it has heartbeats to send.
 const LOOKS_MAX: u32 = 2000;
@@ -126,9 +124,6 @@ impl Scan {
         self.flags = Flags::default();
         if turn.packets_lost > 0 || turn.is_partial {
             self.flags = self.flags.with(Flags::DAMAGED_INPUT);
-        }
-        if turn.dropped_over_limit > 0 {
-            self.flags = self.flags.with(Flags::TRUNCATED);
         }
         // More than 1 s apart: a sensor whose clock nobody has set counts from its start.
         let is_set = turn.stamp_ns.abs_diff(turn.received_ns) < 1_000_000_000;

@@ -1,13 +1,11 @@
 //! Scans in a folder: their files, order, stamps and poses.
 
-use std::{fs, fs::File, io::Read, path::Path, path::PathBuf};
-
-use anyhow::{Context, bail, ensure};
-use mluc_ipc_types::{EgoPose, Flags};
-
 use crate::files::{self, Format, Layout};
 use crate::motion::{NO_TIMES, Trajectory};
 use crate::{Scan, SourceError, ending, merged::pose as pose_of, refused};
+use anyhow::{Context, bail, ensure};
+use mluc_ipc_types::{EgoPose, Flags};
+use std::{fs, fs::File, io::Read, path::Path, path::PathBuf};
 
 /// Maximum number of bytes read from one scan: 4 million points; the rest could not be used anyway.
 const SCAN_BYTES_MAX: u64 = 64 << 20;
@@ -290,6 +288,7 @@ pub(crate) fn in_order(scan: &Path) -> (String, PathBuf) {
 
 /// A file of this name in the folder of scans or above it.
 fn beside(folder: &Path, name: &str) -> Option<PathBuf> {
+    let folder = std::path::absolute(folder).ok()?;
     let mut paths = folder.ancestors().take(2).map(|folder| folder.join(name));
     paths.find(|path| path.is_file())
 }

@@ -1,11 +1,9 @@
 //! A folder that another program writes scans into: one file per scan, with ascending names. The newest complete file is the next scan.
 
+use crate::{LiveScans, Next, Scan, files::Layout, folder::Folder, folder::scan_files};
+use anyhow::{Context, ensure};
 use std::time::{Duration, Instant, SystemTime};
 use std::{fs, path::Path, path::PathBuf};
-
-use anyhow::{Context, ensure};
-
-use crate::{LiveScans, Next, Scan, files::Layout, folder::Folder, folder::scan_files};
 
 /// Prefix of an input that is such a folder.
 pub const FOLLOW: &str = "follow:";
@@ -110,6 +108,8 @@ impl LiveScans for Growing {
         self.folder.scans = vec![path];
         self.folder.load(0, scan);
         scan.received_ns = written.map(|since| since.as_nanos() as u64);
+        // Without a stamp of its own, a scan is as old as its file.
+        scan.stamp_ns = scan.stamp_ns.or(scan.received_ns);
         scan.missed = missed;
         self.heard = Instant::now();
         Ok(Next::Scan)

@@ -21,18 +21,16 @@ mod rounds;
 mod shard;
 pub mod udp;
 
-use std::{path::Path, time::Duration, time::Instant};
-
 use anyhow::{Context, anyhow, bail};
-use mluc_ipc_types::{EgoPose, Flags};
-
 use capture::CaptureScans;
 use files::Layout;
 use folder::Folder;
 use growing::Growing;
 use live::{Live, PATIENCE};
 use merged::Merged;
+use mluc_ipc_types::{EgoPose, Flags};
 use recording::Recording;
+use std::{path::Path, time::Duration, time::Instant};
 
 pub use arguments::{INPUT, LayoutArgs};
 pub use deskew::Deskew;

@@ -1,18 +1,13 @@
 //! Scans from a live sensor: a thread receives its packets and keeps the newest turn for the pipeline.
 
+use crate::packets::{Calibration, Detector};
+use crate::{LiveScans, Next, Scan, SourceError};
+use crate::{capture::CLOCK, capture::calibration, files::Layout, udp::Receiver};
+use anyhow::{Context, bail};
+use crossbeam_channel::{Receiver as Turns, RecvTimeoutError, Sender, TrySendError, bounded};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 use std::{net::Ipv4Addr, net::SocketAddr, path::Path, sync::Arc, thread::JoinHandle};
-
-use anyhow::{Context, bail};
-use crossbeam_channel::{Receiver as Turns, RecvTimeoutError, Sender, TrySendError, bounded};
-
-use crate::{LiveScans, Next, Scan, SourceError, packets::Calibration, packets::Detector};
-use crate::{
-    capture::{CLOCK, calibration},
-    files::Layout,
-    udp::Receiver,
-};
 
 /// How long a read of the socket waits at most.
 const SILENCE: Duration = Duration::from_millis(500);
@@ -226,10 +221,9 @@ impl Listener {
 
 #[cfg(test)]
 mod tests {
-    use std::net::UdpSocket;
-
     use super::*;
     use crate::packets::tests::{HOUR_NS, velodyne};
+    use std::net::UdpSocket;
 
     /// Loads until the result is as wanted, for ten seconds at most.
     fn next(

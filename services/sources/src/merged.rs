@@ -3,14 +3,12 @@
 //! Packets are matched by their time of arrival, which is one clock for all sensors; recordings by the stamps of their messages; folders by
 //! `timestamps.txt`, followed ones by the files' times; inputs without stamps by number. Each scan is in one frame at most.
 
-use std::{path::PathBuf, time::Duration, time::Instant};
-
+use crate::{Kind, Next, Open, Scan, Source, files::Layout, recording::LOOKS_MAX};
 use anyhow::{Context, ensure};
 use mluc_ipc_types::{EgoPose, Flags};
 use nalgebra::{IsometryMatrix3, Point3, Rotation3, Translation3};
 use serde::{Deserialize, Serialize};
-
-use crate::{Kind, Next, Open, Scan, Source, files::Layout, recording::LOOKS_MAX};
+use std::{path::PathBuf, time::Duration, time::Instant};
 
 /// `[[lidar]]`: one of several sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -285,10 +283,9 @@ pub(crate) fn pose([x, y, z, roll_rad, pitch_rad, yaw_rad]: [f64; 6]) -> Isometr
 
 #[cfg(test)]
 mod tests {
-    use std::{net::UdpSocket, sync::atomic::AtomicU32, sync::atomic::Ordering::Relaxed};
-
     use super::*;
     use crate::packets::tests::{HOUR_NS, velodyne};
+    use std::{net::UdpSocket, sync::atomic::AtomicU32, sync::atomic::Ordering::Relaxed};
 
     fn lidar(name: &str, input: String) -> Lidar {
         Lidar {

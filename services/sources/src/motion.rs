@@ -1,12 +1,10 @@
 //! The sensor's motion during a turn: its poses by time, from odometry or transforms, and the correction of a scan's points for it.
 
-use std::{array::from_fn, collections::BTreeMap};
-
-use mluc_ipc_types::{EgoPose, Flags};
-use nalgebra::{IsometryMatrix3, Quaternion, Translation3, UnitQuaternion};
-
 use crate::files::{Cloud, Layout, Reader};
 use crate::{Deskew, Scan, SourceError, merged::pose};
+use mluc_ipc_types::{EgoPose, Flags};
+use nalgebra::{IsometryMatrix3, Quaternion, Translation3, UnitQuaternion};
+use std::{array::from_fn, collections::BTreeMap};
 
 /// Type of transforms in ROS 2. Messages with poses are in CDR.
 pub const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";

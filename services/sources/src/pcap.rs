@@ -1,13 +1,11 @@
 //! UDP datagrams of a capture file, pcap or pcapng: Ethernet with VLANs, Linux cooked, loopback or raw IP; fragments are reassembled.
 
-use std::path::{Path, PathBuf};
-use std::{fs::File, net::IpAddr, net::SocketAddr};
-
-use etherparse::{NetSlice, SlicedPacket, TransportSlice, UdpSlice, defrag::IpDefragPool};
-use pcap_parser::{Linktype, PcapBlockOwned, PcapError, create_reader, traits::PcapReaderIterator};
-
 use crate::packets::{Calibration, Datagram, Decoder, Detector};
 use crate::{SourceError, refused};
+use etherparse::{NetSlice, SlicedPacket, TransportSlice, UdpSlice, defrag::IpDefragPool};
+use pcap_parser::{Linktype, PcapBlockOwned, PcapError, create_reader, traits::PcapReaderIterator};
+use std::path::{Path, PathBuf};
+use std::{fs::File, net::IpAddr, net::SocketAddr};
 
 /// Longer than any frame of a capture.
 const BUFFER_BYTES: usize = 1 << 20;
@@ -302,9 +300,8 @@ fn sender(packet: &SlicedPacket) -> Option<IpAddr> {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use etherparse::{IpFragOffset, Ipv4Header, PacketBuilder};
-
     use super::*;
+    use etherparse::{IpFragOffset, Ipv4Header, PacketBuilder};
 
     const POINTS: [u8; 3000] = [7; 3000];
 

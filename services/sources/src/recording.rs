@@ -1,17 +1,15 @@
 //! Scans from a recording: the messages of one topic of an MCAP file, in the order of the file.
 
-use std::io::{BufReader, Read};
-use std::path::{Path, PathBuf};
-use std::{collections::BTreeMap, collections::BTreeSet, fs::File};
-
+use crate::files::{CLOUDS, Cloud, Layout};
+use crate::motion::{Odometry, POSES, TF};
+use crate::{Next, Scan, SourceError, folder::has_scans, numbered, refused, rounds::Rounds};
 use anyhow::{Context, Result};
 use mcap::sans_io::{LinearReaderOptions, SummaryReadEvent, SummaryReader, SummaryReaderOptions};
 use mcap::{Channel, McapError, Summary, io::MessageReader};
 use mluc_ipc_types::Flags;
-
-use crate::files::{CLOUDS, Cloud, Layout};
-use crate::motion::{Odometry, POSES, TF};
-use crate::{Next, Scan, SourceError, folder::has_scans, numbered, refused, rounds::Rounds};
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::{collections::BTreeMap, collections::BTreeSet, fs::File};
 
 /// Maximum size of a chunk or any other record: many times the largest scan.
 const RECORD_BYTES_MAX: usize = 256 << 20;
@@ -26,7 +24,9 @@ pub(crate) fn within(input: &Path, ending: &str) -> Option<PathBuf> {
     if ending == "mcap" && !input.is_dir() {
         return Some(input.to_path_buf());
     }
-    let paths = input.read_dir().ok()?.flatten().map(|entry| entry.path());
+    let entries = input.read_dir().ok()?.flatten();
+    let entries = entries.filter(|e| !e.file_name().as_encoded_bytes().starts_with(b"."));
+    let paths = entries.map(|entry| entry.path());
     let mut found = paths.filter(|path| path.extension().is_some_and(|word| word == "mcap"));
     let first = found.next();
     let is_alone = |_: &PathBuf| found.next().is_none() && !has_scans(input);

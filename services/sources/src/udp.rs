@@ -3,18 +3,16 @@
 //! The kernel's receive buffer is the queue. It is bounded, and the kernel counts the datagrams that do not fit. So a reader loses nothing while the
 //! buffer is not full, and otherwise knows how many datagrams it lost. The kernel stamps each datagram on arrival.
 
-use std::io::{Error, ErrorKind, IoSliceMut};
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
-use std::os::fd::AsRawFd;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
-
+use crate::{SourceError, packets::Datagram};
 use nix::sys::socket::{
     ControlMessageOwned, MsgFlags, SockFlag, SockType, SockaddrLike, SockaddrStorage,
     bind as bind_socket, getsockopt, recvmsg, setsockopt, socket, sockopt,
 };
 use nix::{cmsg_space, errno::Errno, sys::time::TimeSpec};
-
-use crate::{SourceError, packets::Datagram};
+use std::io::{Error, ErrorKind, IoSliceMut};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::os::fd::AsRawFd;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Half a second of data from the fastest sensor (VLS-128, two returns: 22 MB/s), rounded up; the system may grant less.
 const BUFFER_BYTES: usize = 16 << 20;

@@ -1,9 +1,8 @@
 //! Recordings that MCAP's own Python packages wrote (`recordings/make.py`).
 
-use std::path::{Path, PathBuf};
-
 use mluc_ipc_types::Flags;
 use mluc_sources::{Next, Scan, Source, files::Layout};
+use std::path::{Path, PathBuf};
 
 const POINTS: [f32; 12] = [
     1.0, 2.0, 3.0, 0.5, -4.0, 5.5, -6.0, 0.25, 7.0, -8.0, 9.0, 1.0,

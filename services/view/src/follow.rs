@@ -1,7 +1,5 @@
 //! A pipeline as messages: each frame with its points and the states. Without a frame, the states come once a second.
 
-use std::time::Duration;
-
 use mluc_gateway::lines::{line, stage_words, status_words};
 use mluc_gateway::ros2::{
     RosTopic, detections, diagnostics, header, markers, point_cloud, topics, transform,
@@ -9,9 +7,10 @@ use mluc_gateway::ros2::{
 use mluc_ipc_types::{Object, RunDescription, Stage, Status, Text, Topic, WIRE_VERSION};
 use mluc_runtime::{
     Frames, HealthWatch, Input, Instance, Message, Next, Scans, Shell, Shutdown, StatusWatch,
-    wall_clock_ns,
+    monotonic_ns, wall_clock_ns,
 };
 use serde_json::json;
+use std::time::Duration;
 
 /// Number of topics: those of [`topics`], and a last one for the line of a frame in JSON.
 pub const TOPICS: usize = 6;
@@ -61,15 +60,12 @@ impl Follower {
         let instance = named.map_or_else(Instance::from_environment, Ok)?;
         yield_to_stages()?;
         let shell = Shell::observer(&instance, None, Shutdown::on_signals()?)?;
-        let mut status = shell.status_watch()?;
-        // Discards the queue: it may contain the last status of a supervisor that is gone.
-        status.update()?;
         Ok(Follower {
             frames: Frames::new(&shell, &Topic::OBJECTS, Some(Scans::open(&shell, true)?))?,
             object_points: shell.side_input(&Topic::OBJECT_POINTS)?,
             indices: None,
             health: shell.health_watch()?,
-            status,
+            status: shell.status_watch()?,
             shell,
             topics: topics(),
         })
@@ -121,10 +117,14 @@ impl Follower {
         let starting = Status {
             wire_version: WIRE_VERSION,
             run_id: frame.run_id,
-            age_ns: Status::NONE,
             ..Status::default()
         };
-        let line = line(frame, objects, &classes, status.unwrap_or(&starting));
+        // The supervisor may judge the frame later.
+        let status = Status {
+            age_ns: monotonic_ns().saturating_sub(frame.stages[0].received_ns),
+            ..*status.unwrap_or(&starting)
+        };
+        let line = line(frame, objects, &classes, &status);
         let points = self.frames.points(frame.sequence);
         Ok([
             points.map(|points| point_cloud(&topics[0], &head, points, objects, indices)),
@@ -140,7 +140,7 @@ impl Follower {
 
     fn states(&mut self, now_ns: u64, status: Option<&Status>) -> anyhow::Result<Vec<u8>> {
         self.health.update()?;
-        let none = json!({"state": "stopped", "reason": "no pipeline runs"});
+        let none = json!({"state": "unknown", "reason": "no supervisor publishes a status"});
         let mut parts = vec![("pipeline", status.map_or(none, status_words))];
         let heard = self.health.heard();
         for (stage, health) in Stage::ALL.into_iter().zip(&heard) {

@@ -5,11 +5,10 @@
 mod record;
 mod server;
 
-use std::{path::PathBuf, process::ExitCode};
-
 use clap::{Parser, Subcommand};
 use mluc_runtime::{Instance, log_to_stderr};
 use mluc_view::Follower;
+use std::{path::PathBuf, process::ExitCode};
 
 /// Look at a running pipeline, or record it.
 #[derive(Parser)]

@@ -1,8 +1,5 @@
 //! `mluc record`: MCAP with the profile `ros2`, which ROS 2 plays, Foxglove and Rerun open, and `mluc up --input` reads.
 
-use std::collections::{BTreeMap, VecDeque};
-use std::{fs::File, io::BufWriter, path::Path, process::ExitCode};
-
 use anyhow::{Context, Result};
 use mcap::{Compression, WriteOptions, records::MessageHeader};
 use mluc_gateway::ros2::{encode_bytes, line_topic, stage_topic, topics};
@@ -10,6 +7,8 @@ use mluc_ipc_types::{Detection, FeatureBlock, Stage, Topic};
 use mluc_runtime::{Input, Payload, RuntimeError, Shell};
 use mluc_view::{Follower, TOPICS};
 use serde_json::json;
+use std::collections::{BTreeMap, VecDeque};
+use std::{fs::File, io::BufWriter, path::Path, process::ExitCode};
 
 /// Exit code: the recording finished, but a frame is missing.
 const EXIT_WARNINGS: u8 = 3;

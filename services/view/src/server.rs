@@ -2,16 +2,15 @@
 //!
 //! Each client has a thread, and only the newest moment is kept: a slow client misses moments. An invalid request is refused and counted.
 
+use anyhow::Context;
+use mluc_gateway::ros2::topics;
+use mluc_view::{Follower, Moment, TOPICS, subscribe};
+use serde_json::{Value, json};
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::{collections::BTreeMap, process::ExitCode, time::Duration};
-
-use anyhow::Context;
-use mluc_gateway::ros2::topics;
-use mluc_view::{Follower, Moment, TOPICS, subscribe};
-use serde_json::{Value, json};
 use tungstenite::handshake::server::{Request, Response};
 use tungstenite::protocol::WebSocketConfig;
 use tungstenite::{Error, HandshakeError, Message, accept_hdr_with_config};
@@ -29,7 +28,6 @@ const ORIGINS: [&str; 4] = [
     "http://[::1]:",
     "file://",
 ];
-const LINE_SCHEMA: &str = include_str!("../../../docs/objects.schema.json");
 const CLIENTS_MAX: usize = 8;
 /// Largest request or message, bytes.
 const REQUEST_MAX: usize = 8192;
@@ -165,7 +163,7 @@ fn converse(stream: TcpStream, shared: &Shared, protocol: HeaderValue) -> Result
 fn introduction() -> [Value; 2] {
     let mut channels = vec![json!({
         "id": TOPICS - 1, "topic": "/mluc/frame", "encoding": "json",
-        "schemaName": "mluc.Frame", "schema": LINE_SCHEMA, "schemaEncoding": "jsonschema",
+        "schemaName": "", "schema": "", "schemaEncoding": "jsonschema",
     })];
     for (id, topic) in topics().iter().enumerate() {
         channels.push(json!({

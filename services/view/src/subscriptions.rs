@@ -1,10 +1,8 @@
 //! Requests of a client of the socket.
 
-use std::collections::BTreeMap;
-
-use serde::Deserialize;
-
 use crate::TOPICS;
+use serde::Deserialize;
+use std::collections::BTreeMap;
 
 const SUBSCRIPTIONS_MAX: usize = 32;
 

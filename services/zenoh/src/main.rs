@@ -1,13 +1,12 @@
 //! The program `mluc-zenoh`, which `mluc zenoh` starts. It sends objects and states of a running pipeline to other computers. Nothing in the
 //! pipeline waits for it, and it waits for no network: a message that a link does not accept is dropped.
 
-use std::{path::PathBuf, process::ExitCode, time::Duration, time::Instant};
-
 use anyhow::anyhow;
 use clap::{ArgGroup, Parser};
 use mluc_runtime::{Instance, log_to_stderr};
 use mluc_view::{Follower, TOPICS, yield_to_stages};
 use serde_json::json;
+use std::{path::PathBuf, process::ExitCode, time::Duration, time::Instant};
 use zenoh::{Config, Wait, bytes::Encoding, qos::CongestionControl, qos::Priority};
 
 /// The keys: index in a moment's messages, name, encoding. The clouds are last.

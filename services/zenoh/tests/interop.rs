@@ -1,9 +1,8 @@
 //! Another client at the other end: the Python package of zenoh receives the objects that `mluc up` prints (`client.py`).
 
-use std::{net::TcpListener, process::Command};
-
 use mluc_tests::{Running, Setting, python_with, root};
 use serde_json::{Value, json};
+use std::{net::TcpListener, process::Command};
 
 #[test]
 fn a_client_from_a_package_hears_the_frames_though_it_comes_late_and_comes_again() {

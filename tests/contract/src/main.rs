@@ -12,10 +12,9 @@ mod report;
 mod source;
 mod suite;
 
-use std::process::ExitCode;
-
 use clap::{Parser, Subcommand};
 use mluc::exit_code;
+use std::process::ExitCode;
 use suite::{SuiteArgs, run_command};
 
 /// Judges programs that stand in a stage's place.
@@ -28,7 +27,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Which {
-    /// Test any program against the refiner's contract; without one, our own refiner in all modes.
+    /// Test any program against the refiner's contract; without one, our own refiner in all variants.
     Refiner(refiner::RefinerArgs),
     /// Test any program that publishes scans in ingest's place: its input should hold 20 scans or more.
     Source(SuiteArgs),

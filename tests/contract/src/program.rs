@@ -1,14 +1,13 @@
 //! The program under test, and its process.
 
-use std::process::{Child, Command, ExitStatus, Stdio};
-use std::time::{Duration, Instant};
-use std::{fs::File, os::unix::fs::FileExt, os::unix::process::CommandExt};
-
 use anyhow::{Context, bail, ensure};
 use mluc_ipc_types::RunDescription;
 use mluc_runtime::{Instance, Shutdown};
 use rustix::process::{Pid, Signal, kill_process_group};
 use serde_json::Value;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+use std::{fs::File, os::unix::fs::FileExt, os::unix::process::CommandExt};
 
 /// The report quotes at most this much of the program's stderr, bytes.
 const WORDS_MAX: u64 = 4096;

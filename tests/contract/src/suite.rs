@@ -1,7 +1,7 @@
 //! The common parts of the suites: their cases, which run one after the other on each program, and the command line.
 
-use std::{process::ExitCode, time::Duration, time::Instant};
-
+use crate::program::{Options, Program, Tested};
+use crate::report::{Report, Verdict};
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use mluc::{EXIT_FAILURE, UsageError, settings::DEFAULT_MODEL, settings::Settings};
@@ -11,9 +11,7 @@ use mluc_ipc_types::{FrameHeader, RunDescription, Stage, WIRE_VERSION};
 use mluc_runtime::{
     Instance, Membership, Shell, Shutdown, log_to_stderr, monotonic_ns, random_run_id,
 };
-
-use crate::program::{Options, Program, Tested};
-use crate::report::{Report, Verdict};
+use std::{process::ExitCode, time::Duration, time::Instant};
 
 /// If the case passed: what was seen. If it failed: the reason.
 pub(crate) type Outcome = anyhow::Result<String>;

@@ -1,11 +1,10 @@
 //! `mluc-contract`: our refiners and the examples in Python and C++ pass; a program with a fault does not.
 
-use std::{process::Command, time::Duration};
-
 use mluc_tests::{
     Finished, Running, Setting, cpp_example, python_example, python_script, untrained_model,
 };
 use serde_json::Value;
+use std::{process::Command, time::Duration};
 
 /// `mluc-contract KIND OPTIONS`; for a refiner a model is added before the options.
 fn contract(kind: &str, options: &[&str]) -> Finished {

@@ -1,9 +1,8 @@
 //! Field by field: the layouts of Rust's compiler, and the layouts that follow from the descriptions in C and Python.
 
-use std::mem::offset_of;
-
 use bytemuck::Zeroable;
 use mluc_ipc_types::{Detection, FrameHeader, Health, Object, Point, RunDescription, Status};
+use std::mem::offset_of;
 
 /// Name, offset and bytes of each field.
 pub(crate) type Fields = Vec<(String, usize, usize)>;

@@ -6,8 +6,6 @@
 
 mod scene;
 
-use std::hint::black_box;
-
 use anyhow::Result;
 use mluc_backbone::{Backbone, Precision};
 use mluc_head::Head;
@@ -15,6 +13,7 @@ use mluc_ipc_types::Point;
 use mluc_model::{Grid, Manifest, Network, WeightSet, formula_weights};
 use mluc_refiner::{Refiner, RefinerOutput, Sensor, Settings};
 use mluc_train::{TrainError, quantize::measure_ranges};
+use std::hint::black_box;
 
 /// Frames of each precision; the first touches its memory for the first time.
 const FRAMES: usize = 2;

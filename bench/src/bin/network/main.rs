@@ -6,8 +6,6 @@
 mod measure;
 mod report;
 
-use std::path::{Path, PathBuf};
-
 use anyhow::{Context, Result};
 use clap::Parser;
 use mluc_backbone::Precision;
@@ -15,6 +13,7 @@ use mluc_dataset::read_scan;
 use mluc_kernels::Level;
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
 use mluc_train::{TrainError, quantize::measure_ranges};
+use std::path::{Path, PathBuf};
 
 #[derive(Parser)]
 struct Arguments {

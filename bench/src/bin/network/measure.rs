@@ -1,12 +1,11 @@
 //! Times many frames of one scan.
 
+use crate::report::{Frame, Record, Start};
 use anyhow::Result;
 use mluc_backbone::{Backbone, Precision};
 use mluc_head::{Detection, DetectionKind, Head};
 use mluc_model::{Manifest, WeightSet};
 use mluc_refiner::{ClusterScorer, Refiner, RefinerOutput, Sensor, Settings};
-
-use crate::report::{Frame, Record, Start};
 
 /// Frames before the timed ones: the first, whose time is reported separately, and one more.
 const UNTIMED: usize = 2;

@@ -1,10 +1,9 @@
 //! What was measured, as JSON.
 
-use std::time::Instant;
-
 use mluc_geometry::quantile_of;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use serde_json::{Value, json};
+use std::time::Instant;
 
 /// The parts of the network. `sparse3d` includes the rulebooks; `dense2d` includes folding the height and writing feature rows;
 /// `head` is everything after the backbone (1x1 convolutions, decoding, suppression, scores).

@@ -1,9 +1,8 @@
 //! Lists present rows with AVX-512: sixteen rows of indices are transposed into sixteen taps, and the present entries of each tap are compressed.
 
-use std::arch::x86_64::*;
-
 use super::Avx512;
 use crate::simd::list::{GROUP, Lists};
+use std::arch::x86_64::*;
 
 /// As [`crate::simd::Simd::list`]. The first argument proves that the processor has the registers.
 #[inline(always)]

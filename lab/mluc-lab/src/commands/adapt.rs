@@ -5,8 +5,9 @@ mod mean;
 mod plan;
 mod report;
 
-use std::path::{Path, PathBuf};
-
+use super::terminal::{Threads, counted, print_err, print_out};
+use super::train::{train, tune_memory};
+use super::{quantize::RANGE_FRAMES, quantize::quantized, simulate::export_with_progress};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use mluc_backbone::Precision;
@@ -18,10 +19,7 @@ use mluc_refiner::Settings;
 use mluc_simulate::{Class, Split, rays};
 use mluc_train::{check_known, enter};
 use plan::{Plan, Request};
-
-use super::terminal::{Threads, counted, print_err, print_out};
-use super::train::{train, tune_memory};
-use super::{quantize::RANGE_FRAMES, quantize::quantized, simulate::export_with_progress};
+use std::path::{Path, PathBuf};
 
 /// Initial weights without --init.
 const ANY_OPEN: &[u8] = include_bytes!("../../../../weights/any-open.safetensors");
@@ -179,6 +177,12 @@ impl Adaptation<'_> {
         manifest.provenance.threshold_choice = "one half: more likely unknown than known".into();
         let beams = sensor.elevations_deg.len() as f32;
         let mut takes = Takes::like(beams, rays(sensor), sensor.height_m.unwrap_or_default());
+        // Beams above the horizon may see only the sky.
+        let below = sensor.elevations_deg.iter().filter(|deg| **deg < 0.0);
+        let below = below.count() as f32 / beams;
+        for [low, _] in [&mut takes.beams, &mut takes.points] {
+            *low = (*low as f32 * below) as u32;
+        }
         // The units may point in different directions.
         takes.beams[1] *= sensor.units.len().max(1) as u32;
         if sensor.wave.is_some() {

@@ -1,12 +1,10 @@
 //! `mluc-lab export`: a model file as safetensors with documented names.
 
-use std::path::PathBuf;
-
+use super::terminal::write_out;
 use clap::Args;
 use mluc_lab::exchange::export;
 use mluc_model::Model;
-
-use super::terminal::write_out;
+use std::path::PathBuf;
 
 /// Write a model's weights as safetensors with the names that OpenPCDet gives its layers (docs/weights.md).
 ///

@@ -1,13 +1,11 @@
 //! `mluc-lab import`: converts weights of other programs to a model file.
 
-use std::path::PathBuf;
-
+use super::terminal::{print_err, write_out};
 use anyhow::{Context, bail};
 use clap::Args;
 use mluc_lab::exchange::{self, import, second};
 use mluc_model::{AnchorClass, Manifest, model_bytes};
-
-use super::terminal::{print_err, write_out};
+use std::path::PathBuf;
 
 /// Turn a checkpoint of OpenPCDet's SECOND into a model file with its closed-set head.
 ///

@@ -1,19 +1,17 @@
 //! `mluc-lab score-clusters`: adds a cluster scorer to a model.
 
-use std::path::PathBuf;
-
+use super::terminal::{Threads, counted, write_out};
 use anyhow::{Context, ensure};
 use clap::Args;
 use mluc_evaluate::pipeline::FrameSet;
 use mluc_model::{HeadKind, Model, model_bytes};
 use mluc_train::cluster_scorer::fit_to_proposals;
-
-use super::terminal::{Threads, counted, write_out};
+use std::path::PathBuf;
 
 /// Fit the layers by which the refiner scores clusters, on training scans with synthetic unknown objects, and store them in a model file.
 ///
 /// For a network with an output for the unknown (mluc-full): what it proposes on synthetic unknown objects stands against what it proposes
-/// elsewhere. Its weights stay as they are, thresholds and profiles too: choose them anew (evaluate model --write-threshold).
+/// elsewhere. Its other weights stay as they are. Profiles and probabilities of the old score are removed: choose them anew (evaluate model --write-threshold).
 #[derive(Args)]
 pub(crate) struct ScoreClustersArguments {
     /// Model file.
@@ -47,6 +45,9 @@ pub(crate) fn run(arguments: ScoreClustersArguments) -> anyhow::Result<()> {
         format!("{data}: expected unknown objects of the network on synthetic ones (simulate --synthetic-unknown) and beside them, found none on one side")
     })?;
     scorer.write(&mut model.weights);
+    let own = &mut model.manifest;
+    (own.thresholds.profiles, own.thresholds.probabilities) = (None, None);
+    own.provenance.profile_choice.clear();
     let bytes = model_bytes(&model.manifest, &model.weights)?;
     write_out(&arguments.out, &bytes)
 }

@@ -1,12 +1,11 @@
 //! Output of the commands, and common options. A full or closed terminal or file must not stop the work.
 
-use mluc_dataset::whole_file::write_whole;
-use std::{fmt::Display, path::Path, time::Duration, time::Instant};
-use std::{io::IsTerminal, io::Write, io::stderr, io::stdout, sync::Mutex, sync::PoisonError};
-
 use anyhow::Context;
 use clap::builder::{PossibleValuesParser, RangedU64ValueParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressStyle};
+use mluc_dataset::whole_file::write_whole;
+use std::{fmt::Display, path::Path, time::Duration, time::Instant};
+use std::{io::IsTerminal, io::Write, io::stderr, io::stdout, sync::Mutex, sync::PoisonError};
 
 /// Prints a line on stderr; a failure is ignored.
 pub(crate) fn print_err(text: impl Display) {

@@ -1,11 +1,10 @@
 //! `mluc-lab train`.
 
 use super::terminal::{Progress, Threads, print_err, print_out};
-use std::path::PathBuf;
-
 use clap::Args;
 use mluc_train::{NetworkKind, Progress as TrainProgress};
 use mluc_train::{Run, TrainEvent, TrainSettings, train_osis};
+use std::path::PathBuf;
 
 /// Train the network on a simulated or recorded data set and write its model file.
 ///

@@ -1,11 +1,10 @@
 //! Named tensors from a safetensors file.
 
-use std::collections::BTreeMap;
-
 use anyhow::{Context, ensure};
 use half::{bf16, f16};
 use mluc_model::Tensor;
 use safetensors::tensor::{Dtype, SafeTensors};
+use std::collections::BTreeMap;
 
 /// Metadata key of our manifest.
 pub(super) const MANIFEST_KEY: &str = "mluc";

@@ -1,11 +1,10 @@
 //! A checkpoint as a model file with a closed-set head.
 
+use super::{checkpoint, checkpoint::Checkpoint, names::is_unchanged, names::tensor_names};
 use anyhow::{Context, bail};
 use mluc_head::Head;
 use mluc_model::{AnchorClass, Grid, HeadKind, Manifest, Network, Tensor, WeightSet};
 use mluc_train::export::empty_objectness_max;
-
-use super::{checkpoint, checkpoint::Checkpoint, names::is_unchanged, names::tensor_names};
 
 /// A model that passes every check.
 #[derive(Clone, Debug, PartialEq)]

@@ -11,13 +11,11 @@ mod names;
 pub use import::{Imported, SparseLayout, anchor, import, second};
 pub use names::{openpcdet_name, tensor_names};
 
-use std::collections::HashMap;
-
 use anyhow::Context;
-use mluc_model::{Model, WeightSet};
-
 use checkpoint::MANIFEST_KEY;
+use mluc_model::{Model, WeightSet};
 use names::is_unchanged;
+use std::collections::HashMap;
 
 /// The bytes of a model as such a file. Its metadata contains the manifest, so that [`import()`] restores the same model, and
 /// `format: pt`, which PyTorch's readers of safetensors require.

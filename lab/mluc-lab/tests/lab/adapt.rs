@@ -14,7 +14,7 @@ fn a_model_is_adapted_once_and_goes_on_where_it_was() {
     let adapt = |more: &str| format!("adapt --sensor mine.toml --out a {more}");
     let few = "--known car,pedestrian,forklift --hours 0.001";
     let output = folder.run(&adapt(few));
-    let said = "probe|12 scans and 12 to judge by|9 steps of 4|teach little";
+    let said = "probe|12 scans and 30 to judge by|9 steps of 4|teach little";
     let said: Vec<&str> = said.split('|').collect();
     assert_has(&text(&output.stderr), &said);
     let report = text(&folder.read("a/report.md"));

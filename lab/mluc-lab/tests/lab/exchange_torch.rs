@@ -3,8 +3,6 @@
 //! `bench/peers/network/checkpoint.py FOLDER` writes the checkpoint, converts it with
 //! `tools/checkpoint_to_safetensors.py`, and writes the answers; MLUC_PEERS_CHECKPOINT names the folder. Not set: skipped; a missing folder: an error.
 
-use std::path::Path;
-
 use crate::exchange::on_kitti;
 use anyhow::Context;
 use mluc_backbone::Backbone;
@@ -13,6 +11,7 @@ use mluc_geometry::mean_and_spread;
 use mluc_head::Head;
 use mluc_lab::exchange::{Imported, import};
 use mluc_tests::{data_folder, feature_map};
+use std::path::Path;
 
 /// Tolerance as a share of the values' spread about their mean.
 const TOLERANCE: f64 = 1e-3;

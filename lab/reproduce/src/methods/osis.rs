@@ -3,8 +3,6 @@
 //! A point is unknown only if every box around it is below the threshold; points in no box qualify too, so trees and walls do.
 //! `osis-geo` clusters points only by position; `osis` also by a learned embedding, which also removes points that it takes for background.
 
-use std::{collections::BTreeMap, f64::consts::FRAC_PI_2};
-
 use super::osis_embedding::{Embedder, Standing};
 use super::{MethodInput, dbscan::Group, dbscan::cluster};
 use crate::Result;
@@ -15,6 +13,7 @@ use mluc_head::Detection;
 use mluc_ipc_types::Point;
 use mluc_refiner::fit::{ClusterPoints, minimum_area};
 use rayon::prelude::*;
+use std::{collections::BTreeMap, f64::consts::FRAC_PI_2};
 
 /// Number of thresholds besides the closed set: each one needs a clustering of every frame.
 const THRESHOLDS: usize = 20;

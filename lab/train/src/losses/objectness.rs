@@ -1,9 +1,8 @@
 //! The focal loss over every anchor of every cell.
 
-use rayon::prelude::*;
-
 use super::Evaluation;
 use crate::plan::MapPlan;
+use rayon::prelude::*;
 
 const FOCAL_ALPHA: f32 = 0.25;
 

@@ -1,12 +1,11 @@
 //! Each loss against its formula, each gradient against differences.
 
-use mluc_geometry::Random;
-
 use super::objectness::focal;
 use super::*;
 use crate::batch_targets::{RowClass, RowPositive};
 use crate::targets::{CellClass, Positive, Targets};
 use crate::testing::{assert_gradient, assert_slope};
+use mluc_geometry::Random;
 
 const SETTINGS: LossSettings = LossSettings {
     prototype_scale: 1.5,

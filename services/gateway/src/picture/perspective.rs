@@ -1,10 +1,9 @@
 //! A scan from behind and above the sensor, where boxes have heights.
 
-use mluc_geometry::Box3;
-
 use super::bird_eye::{RAMP_M, bounds_px, color_of_height, draw_captions, splat};
 use super::view::{BoxKind, DrawnBox, NIGHT, color_of};
 use super::{canvas::Canvas, legend::draw_legend};
+use mluc_geometry::Box3;
 
 /// Position of the camera in the sensor frame, m.
 const EYE_M: [f64; 3] = [-16.0, 0.0, 9.0];

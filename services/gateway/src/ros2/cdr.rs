@@ -1,10 +1,9 @@
 //! CDR as ROS 2 writes it (OMG DDS-XTypes 1.3, section 7.4.1, version 1), little-endian. A number starts at a multiple of its
 //! size. A sequence begins with its length.
 
-use std::collections::BTreeMap;
-
 use mluc_ipc_types::Stage;
 use serde_json::Value;
+use std::collections::BTreeMap;
 
 /// CDR header at the start of each message: the encoding.
 const HEAD: [u8; 4] = [0, 1, 0, 0];

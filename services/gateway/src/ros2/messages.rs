@@ -1,10 +1,9 @@
 //! The contents of a frame's messages. They contain only published objects.
 
-use mluc_ipc_types::{Object, Point};
-use serde_json::{Value, json};
-
 use super::cdr::{RosTopic, put_number};
 use crate::{lines::object_line, picture::label_color};
+use mluc_ipc_types::{Object, Point};
+use serde_json::{Value, json};
 
 /// Frame of the robot, as REP 105 names it.
 const BASE_FRAME: &str = "base_link";

@@ -1,8 +1,7 @@
 //! Statistics of the points' numbers: ranges and their unit, zeros, points that are there twice, intensities.
 
-use mluc_ipc_types::Point;
-
 use super::{SensorEstimate, Unit};
+use mluc_ipc_types::Point;
 
 /// Ranges are counted by their exponent and three more bits: eight bins per octave.
 const RANGE_SHIFT: u32 = 20;

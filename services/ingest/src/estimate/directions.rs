@@ -1,9 +1,8 @@
 //! Statistics of each direction around the sensor: returns, the farthest return, near returns.
 
-use std::f32::consts::{PI, TAU};
-
 use mluc_model::{BlindSector, degrees_off};
 use smart_default::SmartDefault;
+use std::f32::consts::{PI, TAU};
 
 /// Number of sectors of 5 degrees, counted from behind over the right.
 pub const SECTORS: usize = 72;

@@ -13,12 +13,14 @@ const Z_M: std::ops::Range<f32> = -9.0..9.0;
 const Z_STEP_M: f32 = 0.15;
 /// Largest distances from the last plane, m: the next plane is fitted to the tiles within them.
 const BANDS_M: [f64; 4] = [0.35, 0.25, 0.2, 0.15];
-/// A floor below a roof is the ground if it has the first share of the tiles below the sensor, and the second number of tiles per tile of the roof.
-/// Below a roof higher than the third, m, which is too high to be the ground of an upside-down scan, the last replaces the second. Guesses.
+/// A floor below a roof is the ground if it has the first share of the tiles below the sensor, and the second number of tiles per tile of the roof
+/// or a roof that is the third number of times as far away. Upside down, the few beams above the sensor see a thin layer, which looks like a floor:
+/// so a near roof also needs a share of the points below the sensor. Guesses.
 const FLOOR_SHARE: f32 = 0.4;
 const FLOOR_TILES: f32 = 0.8;
+const ROOF_FARTHER: f32 = 1.5;
 const HIGH_ROOF_M: f32 = 3.2;
-const FLOOR_TILES_BELOW_HIGH_ROOF: f32 = 0.3;
+const BELOW_SHARE: f32 = 0.33;
 
 /// The ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,11 +76,14 @@ impl LevelFinder {
         if level.z_m() < 0.0 {
             return Some(level);
         }
-        let floor = self.find(scan.filter(|[.., z]| *z < 0.0));
-        let is_high = level.z_m() > HIGH_ROOF_M;
-        let tiles = [FLOOR_TILES, FLOOR_TILES_BELOW_HIGH_ROOF][usize::from(is_high)];
+        let is_below = |[.., z]: &[f32; 3]| *z < 0.0;
+        let (all, below) = (scan.clone().count(), scan.clone().filter(is_below).count());
+        let floor = self.find(scan.filter(is_below));
         let is_one = |floor: &Level| {
-            floor.share >= FLOOR_SHARE && floor.tiles as f32 >= tiles * level.tiles as f32
+            let is_floor = level.z_m() > HIGH_ROOF_M || below as f32 > BELOW_SHARE * all as f32;
+            let is_nearer = is_floor && level.z_m() > ROOF_FARTHER * floor.z_m().abs();
+            let is_large = floor.tiles as f32 >= FLOOR_TILES * level.tiles as f32;
+            floor.share >= FLOOR_SHARE && (is_nearer || is_large)
         };
         floor.filter(is_one).or(Some(level))
     }

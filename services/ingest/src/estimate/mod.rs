@@ -11,22 +11,26 @@ mod profile;
 mod step;
 mod view;
 
-use mluc_geometry::quantile;
-use mluc_ipc_types::Point;
-use mluc_model::BlindSector;
-use serde::Serialize;
-
 use content::Content;
 use directions::{Directions, NEAR_M, SECTOR_DEG};
 pub use directions::{SECTORS, direction_rad};
 use elevations::Elevations;
 use level::{Level, LevelFinder};
+use mluc_geometry::quantile;
+use mluc_ipc_types::Point;
+use mluc_model::BlindSector;
 pub use profile::Nearest;
+use serde::Serialize;
 use step::StepVotes;
 pub use view::View;
 
 /// Sums that need no full count take one point in this many; it is no multiple of a number of beams.
 const SAMPLE: usize = 7;
+
+/// Whether a return is one of the sample: one in [`SAMPLE`] on average, but not every seventh, because all columns may have seven.
+fn is_sampled(number: usize) -> bool {
+    (number as u32).wrapping_mul(0x9e37_79b9) < u32::MAX / SAMPLE as u32
+}
 /// The most beams in an estimate.
 const BEAMS_MAX: usize = 256;
 /// A spinning sensor has at least this many beams.
@@ -233,7 +237,7 @@ impl Estimator {
             if !is_near || is_ground {
                 self.scan_elevations.add(z, distance);
             }
-            if number % SAMPLE == 0 && range_m > 0.0 {
+            if is_sampled(number) && range_m > 0.0 {
                 self.directions.add([x, y, z], range_m, on_m < ON_GROUND_M);
             }
         }

@@ -1,9 +1,8 @@
 //! Compares an estimate with the profiles of real products, and makes a profile from the estimate.
 
-use mluc_model::SensorProfile;
-
 use super::SensorEstimate;
 use crate::guard::BEAMS_FACTOR;
+use mluc_model::SensorProfile;
 
 /// Used where scans do not show them: shortest range, noise of a range, angle between columns. Guesses.
 const RANGE_SHORTEST_M: f32 = 0.5;
@@ -90,18 +89,26 @@ impl SensorEstimate {
         let beams = self.beams.max(1);
         let gaps = (beams - 1).max(1) as f32;
         let even = |beam: u32| top + (bottom - top) * beam as f32 / gaps;
+        // Scans do not show everything, or not in every place: the rest comes from a product with the same beams.
+        let product = self.product().map(|near| near.profile);
+        // Beams that see only the sky.
+        let is_above =
+            |deg: &&f32| **deg > self.elevations_deg.first().map_or(90.0, |top| top + 0.5);
+        let above = product
+            .iter()
+            .flat_map(|p| p.elevations_deg.iter().filter(is_above));
+        let above: Vec<f32> = above.copied().collect();
         let elevations_deg = if self.are_beams_clear {
-            self.elevations_deg.clone()
+            [&above[..], &self.elevations_deg].concat()
         } else {
             (0..beams).map(even).collect()
         };
-        // Scans do not show everything, or not in every place: the rest comes from a product with the same beams.
-        let product = self.product().map(|near| near.profile);
         let longest_m = self.range_longest_m.clamp(5.0, 500.0);
         let has_more = product.as_ref().is_some_and(|p| p.range_m[1] > longest_m);
         let unseen = [
             (true, "range_m (shortest)"),
             (has_more, "range_m (longest)"),
+            (!above.is_empty(), "elevations_deg (highest)"),
             (range_noise_m.is_none(), "range_noise_m"),
             (self.azimuth_step_deg.is_none(), "azimuth_step_deg"),
         ];

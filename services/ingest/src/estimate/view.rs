@@ -1,10 +1,9 @@
 //! Watches what a sensor sees of its surroundings: the directions that lost their returns (dirt, a cover, a cut cable), and whether
 //! the ground is visible. It needs no full look: every seventh point of a few scans per second.
 
+use super::{GROUND_SHARE_MIN, HEIGHT_M, is_sampled, level::LevelFinder};
 use mluc_ipc_types::{Point, Status};
 use mluc_model::{SensorProfile, degrees_off};
-
-use super::{GROUND_SHARE_MIN, HEIGHT_M, SAMPLE, level::LevelFinder};
 
 /// Looks in a row that must miss something before it counts as lost.
 const LOOKS: u8 = 3;
@@ -83,9 +82,11 @@ impl View {
         self.looks = 0;
     }
 
-    /// Looks at a scan: every seventh point.
+    /// Looks at a scan: a sample of a seventh of its points.
     pub fn look(&mut self, points: &[Point]) {
-        let sample = points.iter().step_by(SAMPLE).filter(|p| p.is_finite());
+        let sample = points.iter().enumerate();
+        let sample = sample.filter(|(number, p)| is_sampled(*number) && p.is_finite());
+        let sample = sample.map(|(_, point)| point);
         let mut counts = [0u32; Status::SECTORS];
         for point in sample.clone() {
             let range_m = point.x_m.hypot(point.y_m).hypot(point.z_m);

@@ -1,19 +1,17 @@
 //! `mluc demo`: the whole pipeline, four processes, on the user's scans or on the bundled ones, with output for people.
 
-use std::{path::Path, process::ExitCode};
-
+use super::up::Summary;
+use crate::settings::{Pace, Settings};
+use crate::supervisor::{Left, LineWriter, Sink, run};
+use crate::terminal::{print_err, print_out};
+use crate::{bundled::BundledScans, cli::PipelineArgs, piped::Piped};
 use anyhow::Context;
 use mluc_gateway::picture::{BoxKind, DrawnBox, View, bird_eye};
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Object, ObjectKind, Point};
 use mluc_runtime::{Shutdown, log_to_stderr};
 use mluc_sources::is_live;
-
-use super::up::Summary;
-use crate::settings::{Pace, Settings};
-use crate::supervisor::{Left, LineWriter, Sink, run};
-use crate::terminal::{print_err, print_out};
-use crate::{bundled::BundledScans, cli::PipelineArgs, piped::Piped};
+use std::{path::Path, process::ExitCode};
 
 pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");

@@ -2,8 +2,9 @@
 
 mod input;
 
-use std::{fs, process::ExitCode};
-
+use self::Verdict::{Failure, Fine, Warning};
+use crate::{EXIT_FAILURE, UsageError, terminal::print_out};
+use crate::{cli::DoctorArgs, external::external, model, piped::Piped, settings::StageSettings};
 use mluc_backbone::Precision;
 use mluc_ingest::Expected;
 use mluc_ipc_types::{
@@ -14,10 +15,7 @@ use mluc_model::{Model, SensorProfile};
 use mluc_runtime::{Instance, log_to_stderr};
 use mluc_sources::{Open, Source, ros2_topic};
 use rustix::process::{Resource, getrlimit};
-
-use self::Verdict::{Failure, Fine, Warning};
-use crate::{EXIT_FAILURE, UsageError, terminal::print_out};
-use crate::{cli::DoctorArgs, external::external, model, piped::Piped, settings::StageSettings};
+use std::{fs, process::ExitCode};
 
 /// A pipeline makes a few hundred files in shared memory; a process of it has at most as many open.
 const FILES_MIN: u64 = 1000;
@@ -149,7 +147,7 @@ fn check_cores() -> Finding {
 fn check_governor() -> Finding {
     let path = "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor";
     match fs::read_to_string(path).as_deref().map(str::trim) {
-        Err(_) => (Fine, "CPU frequency is not ours to see".into()),
+        Err(_) => (Fine, "CPU governor: not readable here".into()),
         Ok("performance") => (Fine, "CPU governor: performance".into()),
         Ok(other) => {
             let hint = "`performance` makes latency even";

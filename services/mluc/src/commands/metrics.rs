@@ -1,8 +1,7 @@
 //! The metrics of `mluc monitor`, in Prometheus' text format (version 0.0.4).
 
-use mluc_ipc_types::{Stage, Status, StatusState};
-
 use super::observe::Snapshot;
+use mluc_ipc_types::{Stage, Status, StatusState};
 
 /// One metric per line: name, type, meaning.
 const METRICS: &str = include_str!("metrics.txt");

@@ -10,14 +10,12 @@ mod status;
 mod top;
 mod up;
 
-use std::{os::unix::process::CommandExt, process::ExitCode};
-
+use crate::{cli::PipelineArgs, control::ControlWatch, placement::pin, resolve::Resolved};
+use crate::{stages::end_with, terminal::print_out};
 use anyhow::{Context, Result, bail, ensure};
 use mluc_runtime::{ClaimNote, Instance, Shell, log_to_stderr};
 use rustix::process::{Pid, Signal, kill_process};
-
-use crate::{cli::PipelineArgs, control::ControlWatch, placement::pin, resolve::Resolved};
-use crate::{stages::end_with, terminal::print_out};
+use std::{os::unix::process::CommandExt, process::ExitCode};
 
 pub(crate) use demo::demo;
 pub use doctor::doctor;

@@ -3,16 +3,14 @@
 //! It is a separate process that observes the pipeline: however slow its clients are, the pipeline never waits for it. It serves
 //! one client at a time, with limits on time and bytes. A few lines of HTTP/1.1 replace the dependencies of a server.
 
-use std::io::{self, ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::{process::ExitCode, time::Duration, time::Instant};
-
+use super::metrics::metrics;
+use super::observe::{Observer, Snapshot, instance};
 use anyhow::Context;
 use mluc_ipc_types::StatusState;
 use mluc_runtime::log_to_stderr;
-
-use super::metrics::metrics;
-use super::observe::{Observer, Snapshot, instance};
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::{process::ExitCode, time::Duration, time::Instant};
 
 /// Time between two polls of the pipeline and of the clients.
 const LOOK: Duration = Duration::from_millis(20);

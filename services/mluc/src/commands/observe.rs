@@ -1,13 +1,12 @@
 //! A pipeline as its consumers see it: what `status`, `top` and `monitor` show.
 
+use crate::{UsageError, control::Control, control::ControlWatch};
 use anyhow::ensure;
 pub(super) use mluc_gateway::lines::{counted, health_state as state};
 use mluc_gateway::lines::{stage_words, status_words};
 use mluc_ipc_types::{Health, Stage, Status, StatusState};
 use mluc_runtime::{HealthWatch, Instance, Shell, Shutdown, StatusWatch};
 use serde_json::{Value, json};
-
-use crate::{UsageError, control::Control, control::ControlWatch};
 
 /// Observes an instance. It takes no frame, and no other process waits for it.
 pub(super) struct Observer {
@@ -46,12 +45,9 @@ pub(super) fn running(name: Option<&str>) -> anyhow::Result<Instance> {
 impl Observer {
     pub(super) fn open(instance: &Instance) -> anyhow::Result<Observer> {
         let shell = Shell::observer(instance, None, Shutdown::on_signals()?)?;
-        let mut status = shell.status_watch()?;
-        // The queue may still contain the last status of a supervisor that is gone.
-        status.update()?;
         Ok(Observer {
             health: shell.health_watch()?,
-            status,
+            status: shell.status_watch()?,
             control: ControlWatch::new(instance),
             shell,
         })
@@ -105,10 +101,9 @@ impl Snapshot {
 
 #[cfg(test)]
 pub(super) mod tests {
+    use super::*;
     use bytemuck::Zeroable;
     use mluc_ipc_types::{HealthState, Text, WIRE_VERSION};
-
-    use super::*;
 
     /// A pipeline of which only the refiner sends heartbeats.
     pub(in crate::commands) fn snapshot(state: StatusState) -> Snapshot {

@@ -1,18 +1,16 @@
 //! `mluc replay`: runs the pipeline on a recording of `mluc record` and compares its objects with the recorded ones.
 
-use std::{path::Path, process::ExitCode};
-
+use crate::settings::{Pace, Settings, StageSettings};
+use crate::supervisor::{Left, LineWriter, Sink, run};
+use crate::{EXIT_FAILURE, UsageError, model};
+use crate::{cli::PipelineArgs, external::own_program, stages::played, terminal::print_err};
 use anyhow::Context;
 use mluc_gateway::{lines::line, ros2::line_topic};
 use mluc_ipc_types::{Flags, Stage};
 use mluc_runtime::{Shutdown, log_to_stderr};
 use mluc_sources::{Recorded, place};
 use serde_json::{Value, json};
-
-use crate::settings::{Pace, Settings, StageSettings};
-use crate::supervisor::{Left, LineWriter, Sink, run};
-use crate::{EXIT_FAILURE, UsageError, model};
-use crate::{cli::PipelineArgs, external::own_program, stages::played, terminal::print_err};
+use std::{path::Path, process::ExitCode};
 
 /// Every recorded scan goes through the pipeline. Exit code 1: objects differ, a frame was lost, or there was no frame to compare.
 pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Result<ExitCode> {
@@ -21,6 +19,9 @@ pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Res
     let input = args.input.clone();
     let input = input.ok_or(UsageError("expected --input RUN.mcap, found none".into()))?;
     args.pace = Some(Pace::Complete);
+    // Consumers of a running pipeline must not take what it replays for live.
+    let own = || format!("replay-{}", std::process::id());
+    args.instance.get_or_insert_with(own);
     let mut settings = Settings::resolve(args.clone())?;
     settings.repeat = false;
     let shard = settings.layout.shard;

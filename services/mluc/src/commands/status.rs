@@ -1,12 +1,10 @@
 //! `mluc status`: prints the state of a running pipeline once.
 
-use std::{process::ExitCode, time::Duration};
-
-use mluc_ipc_types::{CandidateCounts, Health, Stage};
-use mluc_runtime::log_to_stderr;
-
 use super::observe::{Observer, Snapshot, counted, running, state};
 use crate::terminal::print_out;
+use mluc_ipc_types::{CandidateCounts, Health, Stage};
+use mluc_runtime::log_to_stderr;
+use std::{process::ExitCode, time::Duration};
 
 /// How long to listen: three heartbeats.
 pub(super) const LISTEN: Duration = Duration::from_millis(350);

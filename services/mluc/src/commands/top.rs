@@ -1,13 +1,11 @@
 //! `mluc top`: prints the state of a running pipeline once a second.
 
-use std::{io::IsTerminal, process::ExitCode, time::Duration};
-
-use mluc_ipc_types::{Health, HealthState, Stage};
-use mluc_runtime::{log_to_stderr, monotonic_ns, wall_clock_ns};
-
 use super::observe::{Observer, Snapshot, instance, running};
 use super::status::{HEAD, LISTEN, row};
 use crate::terminal::print_out;
+use mluc_ipc_types::{Health, HealthState, Stage};
+use mluc_runtime::{log_to_stderr, monotonic_ns, wall_clock_ns};
+use std::{io::IsTerminal, process::ExitCode, time::Duration};
 
 const PERIOD: Duration = Duration::from_secs(1);
 const LOOK: Duration = Duration::from_millis(50);
@@ -125,10 +123,9 @@ fn time_of_day(ns: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use mluc_ipc_types::StatusState;
-
     use super::super::observe::tests::snapshot;
     use super::*;
+    use mluc_ipc_types::StatusState;
 
     #[test]
     fn a_page_has_rates_bars_and_complaints_once() {

@@ -1,15 +1,13 @@
 //! `mluc up`: the pipeline on scans, JSON lines on stdout.
 
-use std::{collections::BTreeMap, process::ExitCode};
-
-use mluc_gateway::lines::{line, status_line};
-use mluc_ipc_types::{Flags, FrameHeader, Status};
-use mluc_runtime::{Shutdown, log_to_stderr};
-
 use crate::supervisor::{Left, LineWriter, Outcome, Sink, hops, run};
 use crate::{
     EXIT_FAILURE, cli::PipelineArgs, piped::Piped, settings::Settings, terminal::print_err,
 };
+use mluc_gateway::lines::{line, status_line};
+use mluc_ipc_types::{Flags, FrameHeader, Status};
+use mluc_runtime::{Shutdown, log_to_stderr};
+use std::{collections::BTreeMap, process::ExitCode};
 
 pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("up", "info");

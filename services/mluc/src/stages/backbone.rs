@@ -1,13 +1,12 @@
 //! Points to feature rows (paper section 3.1).
 
+use super::models::Models;
+use crate::settings::Settings;
 use anyhow::{Result, ensure};
 use mluc_backbone::{Backbone, Precision};
 use mluc_ipc_types::{FeatureBlock, FeatureRows, Flags, FrameHeader, Point, Stage, feature_blocks};
 use mluc_model::{Model, Network};
 use mluc_runtime::{Algorithm, Shell, StageError, run_stage};
-
-use super::models::Models;
-use crate::settings::Settings;
 
 pub(super) struct BackboneStage {
     models: Models<Backbone>,

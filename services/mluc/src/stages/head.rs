@@ -1,13 +1,12 @@
 //! Feature rows to detections (paper section 3.2).
 
+use super::models::Models;
 use mluc_head::{Head, stand_on_ground};
 use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, FeatureBlock, FeatureRows, Flags, FrameHeader, Point, Stage,
 };
 use mluc_model::Model;
 use mluc_runtime::{Algorithm, Shell, StageError, run_stage};
-
-use super::models::Models;
 
 pub(super) struct HeadStage {
     /// Each head with the numbers of cells of the map, channels and nodes of the ground.

@@ -3,13 +3,12 @@
 mod pace;
 mod sender;
 
+use super::begin_or_join_run;
+use crate::{UsageError, settings::Pace, settings::Settings};
 use anyhow::Context;
 use mluc_ipc_types::{Health, HealthState, Stage};
 use mluc_model::Model;
 use mluc_runtime::{Shell, monotonic_ns};
-
-use super::begin_or_join_run;
-use crate::{UsageError, settings::Pace, settings::Settings};
 use mluc_sources::Open;
 use sender::Sender;
 
@@ -33,7 +32,14 @@ pub(crate) fn run(
     if first > 0 {
         source.go_on()?;
     }
-    let sensor = settings.sensor.load()?;
+    let sensor = match settings.sensor.load() {
+        // It was read at the start of the run, and may be edited or gone since.
+        Err(error) if first > 0 => {
+            tracing::warn!("{error:#}: scans are compared with the model only");
+            None
+        }
+        loaded => loaded?,
+    };
     // A process that the supervisor did not start counts only its own scans.
     let counted = start_sequence.unwrap_or(0);
     let sender = Sender::new(shell, source, model, sensor, counted);

@@ -7,8 +7,8 @@ mod models;
 pub(crate) mod played;
 mod refiner;
 
-use std::{process::Command, time::Duration};
-
+use crate::{UsageError, model, placement::lock_memory, placement::pin};
+use crate::{cli::StageArgs, external::external, resolve::Resolved, settings::Settings};
 use anyhow::{Context, bail};
 use mluc_head::gate::{main_gate, threshold_of};
 use mluc_ipc_types::{CLASS_NAME_MAX, CLASSES_MAX, RunDescription, Stage, Text, WIRE_VERSION};
@@ -16,9 +16,7 @@ use mluc_model::{HeadKind, Model};
 use mluc_runtime::{Shell, Shutdown, log_to_stderr, random_run_id, wall_clock_ns};
 use mluc_sources::{Open, Source};
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
-
-use crate::{UsageError, model, placement::lock_memory, placement::pin};
-use crate::{cli::StageArgs, external::external, resolve::Resolved, settings::Settings};
+use std::{process::Command, time::Duration};
 
 /// Runs a stage's process until it is asked to end. `open`: opens the input, for a program that knows more inputs than `mluc`.
 pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {

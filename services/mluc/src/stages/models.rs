@@ -1,15 +1,13 @@
 //! What a stage makes from the model. While the run changes its model, a thread makes the next one and frames go on. The next one
 //! takes over with the first frame that has its fingerprint.
 
-use std::{process::Command, sync::Arc, thread, thread::JoinHandle};
-
+use crate::{control::ControlWatch, control::Thresholds, model::PinnedModel};
 use anyhow::ensure;
 use mluc_ipc_types::{ContractError, FrameHeader};
 use mluc_model::Model;
 use mluc_runtime::Shell;
 use rustix::{process::nice, thread::gettid};
-
-use crate::{control::ControlWatch, control::Thresholds, model::PinnedModel};
+use std::{process::Command, sync::Arc, thread, thread::JoinHandle};
 
 type Make<T> = dyn Fn(&Model) -> anyhow::Result<T> + Send + Sync;
 

@@ -1,14 +1,13 @@
 //! A stage that computes nothing: it publishes its messages from a recording of `mluc record --stages`.
 
+use super::{backbone::BackboneStage, backbone::blocks_max, head::HeadStage};
+use crate::settings::Settings;
 use anyhow::{Context, ensure};
 use mluc_gateway::ros2::{BYTES_AT, stage_topic};
 use mluc_ipc_types::{DETECTIONS_MAX, Flags, FrameHeader, Point, Stage};
 use mluc_model::Model;
 use mluc_runtime::{Algorithm, Shell, StageError, run_stage};
 use mluc_sources::{Recorded, place};
-
-use super::{backbone::BackboneStage, backbone::blocks_max, head::HeadStage};
-use crate::settings::Settings;
 
 /// Stands in for the stage `A`.
 struct Played<A: Algorithm> {

@@ -1,5 +1,7 @@
 //! Detections and the points of the same frame to objects (paper section 3.3).
 
+use super::models::Models;
+use crate::settings::{Pace, Settings};
 use mluc_ipc_types::{
     Detection, Flags, FrameHeader, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, Point, Stage, Topic,
 };
@@ -8,9 +10,6 @@ use mluc_refiner::{EgoEstimator, Refiner, RefinerOutput, Tracker};
 use mluc_runtime::{
     Algorithm, Output, RuntimeError, Shell, StageError, monotonic_ns, run_stage, stamp_published,
 };
-
-use super::models::Models;
-use crate::settings::{Pace, Settings};
 
 struct RefinerStage {
     /// Each refiner with run, sequence and number of points of the scan that it has read ahead.

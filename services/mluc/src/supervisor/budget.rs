@@ -1,9 +1,8 @@
 //! Latency budgets: which stage needed longer, how often, and whether this lasts. The log sums up repeated messages.
 
+use crate::settings::Settings;
 use mluc_gateway::lines::{latency_us, stage_times};
 use mluc_ipc_types::{Flags, FrameHeader, Stage};
-
-use crate::settings::Settings;
 
 /// This many misses in a row are an error: two seconds at 10 Hz. A guess.
 const LASTING: u64 = 20;

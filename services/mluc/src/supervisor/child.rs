@@ -1,9 +1,8 @@
 //! One stage's process: start, watch, restart. A process that is silent for too long is killed.
 
-use std::process::{Child as Process, ExitStatus, Stdio};
-use std::time::{Duration, Instant};
-use std::{collections::VecDeque, os::unix::process::CommandExt, os::unix::process::ExitStatusExt};
-
+use super::predecessor::{MARK, mark};
+use crate::settings::{RestartPolicy, Settings, StageSettings};
+use crate::{EXIT_USAGE, UsageError, external::own_program};
 use anyhow::{Context, Result, bail};
 use mluc_ipc_types::Stage;
 use mluc_runtime::{
@@ -12,10 +11,9 @@ use mluc_runtime::{
 };
 use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};
 use smart_default::SmartDefault;
-
-use super::predecessor::{MARK, mark};
-use crate::settings::{RestartPolicy, Settings, StageSettings};
-use crate::{EXIT_USAGE, UsageError, external::own_program};
+use std::process::{Child as Process, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+use std::{collections::VecDeque, os::unix::process::CommandExt, os::unix::process::ExitStatusExt};
 
 /// First delay of a restart if no frame was published since the last restart; each further delay is twice as long.
 const DELAY_FIRST: Duration = Duration::from_millis(50);

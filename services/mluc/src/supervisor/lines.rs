@@ -1,13 +1,11 @@
 //! Writes JSON lines in a separate thread, so that a reader that is slow, stops or leaves never stops the supervisor.
 
-use std::io::{self, ErrorKind, Write, stdout};
-use std::{thread::JoinHandle, time::Duration, time::Instant};
-
+use crate::settings::Pace;
 use anyhow::Context;
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 use serde::Serialize;
-
-use crate::settings::Pace;
+use std::io::{self, ErrorKind, Write, stdout};
+use std::{thread::JoinHandle, time::Duration, time::Instant};
 
 /// Largest number of lines that wait for the reader.
 const LINES_WAITING: usize = 64;

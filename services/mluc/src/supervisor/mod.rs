@@ -8,28 +8,25 @@ mod reload;
 mod report;
 mod status;
 
-use std::time::{Duration, Instant};
-use std::{
-    collections::BTreeMap, fs::File, process::ExitCode, sync::Arc, sync::atomic::AtomicBool,
-};
-
+use crate::{EXIT_WARNINGS, UsageError, document, model, settings::Pace, settings::Settings};
+use crate::{cli::PipelineArgs, control::Control, model::PinnedModel, stages::begin_or_join_run};
+use child::{Child, Ended};
+pub(crate) use lines::LineWriter;
 use mluc_ipc_types::{
     FrameHeader, Health, Object, Point, RunDescription, Stage, Status, Topic, WIRE_VERSION,
 };
 use mluc_model::Model;
 use mluc_runtime::{HealthWatch, Input, Instance, Message, Scans, Shell, Shutdown, monotonic_ns};
-
-use crate::{EXIT_WARNINGS, UsageError, document, model, settings::Pace, settings::Settings};
-use crate::{cli::PipelineArgs, control::Control, model::PinnedModel, stages::begin_or_join_run};
 use mluc_sources::{Source, idle_options};
-use rustix::process::Signal;
-
-use child::{Child, Ended};
-pub(crate) use lines::LineWriter;
 use reload::ModelChange;
 use report::Latencies;
 pub(crate) use report::hops;
+use rustix::process::Signal;
 use status::StatusWriter;
+use std::time::{Duration, Instant};
+use std::{
+    collections::BTreeMap, fs::File, process::ExitCode, sync::Arc, sync::atomic::AtomicBool,
+};
 
 /// A frame that leaves the pipeline: checked objects, the names of the classes, points if they are needed and still there.
 pub(crate) struct Left<'a> {
@@ -261,7 +258,7 @@ fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> 
         settings.source(Source::open)?
     };
     if source.is_none() && !is_elsewhere && ingest.command.is_none() && !ingest.external {
-        let text = "--input is missing: a folder of scans, or one";
+        let text = "--input is missing: scans (a file or a folder), a capture, a recording, udp:PORT or ros2:/TOPIC (`mluc up --help`)";
         return Err(UsageError(text.to_string()).into());
     }
     // Ingest needs the socket, and a live scan cannot be read again.

@@ -1,11 +1,10 @@
 //! Cleans up after a supervisor that was killed: its stages, which the kernel asks to end, and their ports.
 
-use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
-
 use anyhow::Context;
 use mluc_runtime::Instance;
 use rustix::process::{Pid, Signal, geteuid, kill_process};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 /// Orphans end by themselves within a frame; one that does not is killed.
 const ORPHAN_PATIENCE: Duration = Duration::from_secs(1);

@@ -3,16 +3,14 @@
 //! All stages first make another model ready, while they run with the old one. Then ingest gives the new fingerprint to the next
 //! frame. Each stage computes a frame with the model of the frame's fingerprint, or not at all.
 
-use std::{sync::atomic::Ordering, time::Duration, time::Instant};
-
-use anyhow::{bail, ensure};
-use mluc_ipc_types::{RunDescription, Stage};
-use mluc_model::Model;
-use toml::{Table, Value};
-
 use super::Supervisor;
 use crate::{control::Reload, control::Thresholds, document, model};
 use crate::{model::PinnedModel, resolve::below, settings::Settings, stages::describe_run};
+use anyhow::{bail, ensure};
+use mluc_ipc_types::{RunDescription, Stage};
+use mluc_model::Model;
+use std::{sync::atomic::Ordering, time::Duration, time::Instant};
+use toml::{Table, Value};
 
 /// The keys that may change. Processes, ports and memory were made for the values of the others.
 const MAY_CHANGE: &str = "model, lambda, unknown_min, profile, min_score, min_unknown_score";

@@ -1,5 +1,7 @@
 //! The current state of the pipeline, judged by a clock and not by messages, so that a stopped pipeline is reported too.
 
+use super::{Outcome, budget::Budgets, budget::LASTING_NS};
+use crate::settings::Settings;
 use mluc_gateway::lines::latency_us;
 use mluc_ingest::estimate::View;
 use mluc_ipc_types::{
@@ -8,9 +10,6 @@ use mluc_ipc_types::{
 };
 use mluc_model::SensorProfile;
 use mluc_runtime::{HealthWatch, Message, Output, RuntimeError, Shell, monotonic_ns};
-
-use super::{Outcome, budget::Budgets, budget::LASTING_NS};
-use crate::settings::Settings;
 
 /// Time between two messages while nothing changes, ns.
 const PERIOD_NS: u64 = 500_000_000;
@@ -158,7 +157,8 @@ impl StatusWriter {
         let seen = |s: &Status| (s.state, s.reason, s.blind_sectors, s.is_ground_lost);
         let has_changed =
             seen(&status) != seen(&self.published) || self.published.run_id != run.run_id;
-        if has_changed || now_ns - self.published.judged_ns >= PERIOD_NS {
+        let is_new = has_changed || status.sequence != self.published.sequence;
+        if is_new || now_ns - self.published.judged_ns >= PERIOD_NS {
             let mut header = FrameHeader::new(0, Topic::STATUS.name);
             (header.run_id, header.model_fingerprint) = (run.run_id, run.model_fingerprint);
             self.output.send(&header, &[status])?;

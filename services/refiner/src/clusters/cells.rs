@@ -4,12 +4,11 @@
 //! at their mean range, so the result does not depend on the order of points or cells. Cells are added in tiles of 1 m, at
 //! the latest when a component comes near: tiles far from all requested tiles cost nothing.
 
-use std::ops::Range;
-
 use super::places::{Places, SIDE};
 use crate::{fit::higher, fit::lower, frame::IndexedPoint};
 use mluc_geometry::ground::tiles::{self, HALF_EXTENT_M};
 use smart_default::SmartDefault;
+use std::ops::Range;
 
 /// Side of a cell, m: its diagonal is below the shortest full join distance (0.4 m).
 const CELL_M: f32 = 0.25;
@@ -326,9 +325,8 @@ fn span_squared(a: [f32; 4], b: [f32; 4]) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use super::*;
+    use std::collections::BTreeMap;
 
     fn scattered(count: usize) -> Vec<[f32; 2]> {
         let f = |i: usize, k: f64| ((i as f64 * k).sin() * 43758.5453).rem_euclid(1.0) as f32;

@@ -4,11 +4,10 @@
 //! A rest larger than a road user is united again with a shorter join distance, up to a number of times. If it is still longer than any road user,
 //! it is cut across its length into equal pieces. Only clusters with too few points are dropped.
 
-use std::ops::Range;
-
 use super::cells::Cells;
 use crate::size::{is_upright, is_whole, is_within, longest_side, whole_diagonal_m};
 use crate::{Settings, fit::ClusterPoints, priors};
+use std::ops::Range;
 
 /// Maximum extent of an upright part along x or y, m: an upright part is at most 4.5 m high, and shorter than high.
 const UPRIGHT_LENGTH_MAX_M: f32 = 3.5;

@@ -3,10 +3,9 @@
 //! Proposals are off by up to a metre and have a wrong class's size. The cluster nearest to the proposal's centre is taken, close clusters first,
 //! unless it is sparse: a few returns from inside a van are nearer to its centre than its body. The cost depends on the cells, not on their points.
 
-use mluc_geometry::{Box3, Inside};
-
 use super::{ClusterFinder, NO_CLUSTER};
 use crate::proposal::{NEAR_M, reach_m};
+use mluc_geometry::{Box3, Inside};
 
 /// A cluster with less than 1/10 of the points in the proposal's box is not the detected object. 1/5 and 1/20 give the
 /// same results on simulated validation scans.

@@ -2,12 +2,11 @@
 //!
 //! Sums are taken in whole millimetres, so that they do not depend on the order of the points.
 
-use mluc_kernels::at_best;
-use nalgebra::{Matrix3, Vector3};
-
 use crate::fit::{ClusterPoints, Rectangle, higher, lower};
 use crate::{Sensor, frame::IndexedPoint};
 use mluc_geometry::ground::{ground_height_m, tiles::whole};
+use mluc_kernels::at_best;
+use nalgebra::{Matrix3, Vector3};
 
 /// Maximum assumed height of an object above its seen top, m. A guess, as the gap itself is if the model has no beams.
 const GAP_MAX_M: f32 = 0.5;

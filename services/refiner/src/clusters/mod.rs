@@ -15,18 +15,16 @@ mod places;
 
 pub use measure::Measures;
 
-use std::ops::Range;
-
-use mluc_geometry::Box3;
-use mluc_ipc_types::Point;
-
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::{Sensor, Settings, fit::Fitter, fit::Footprint};
 use cells::Cells;
 use divide::Divider;
 pub(crate) use matching::Matcher;
 use measure::Measurer;
+use mluc_geometry::Box3;
 use mluc_geometry::{ground::GroundGrid, ground::ground_height_m, ground::tiles::low_corner_m};
+use mluc_ipc_types::Point;
+use std::ops::Range;
 
 /// The number that means no cluster.
 const NO_CLUSTER: u32 = u32::MAX;

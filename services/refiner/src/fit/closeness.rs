@@ -4,11 +4,9 @@
 //! distance to the nearest side of the tight rectangle. First every third degree is tried, then the degrees near the best,
 //! then thirds of a degree. The sum is taken in whole numbers, so that it does not depend on the order of the points.
 
-use std::sync::LazyLock;
-
-use mluc_kernels::at_best;
-
 use super::{ClusterPoints, LANES, Rectangle, higher, lower, spans};
+use mluc_kernels::at_best;
+use std::sync::LazyLock;
 
 /// Distances below this count as equal, m: the sensor's noise.
 const NEAREST_M: f32 = 0.03;

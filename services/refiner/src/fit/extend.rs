@@ -1,12 +1,10 @@
 //! The parts of a box that the sensor does not see: down to the ground, and away from the sensor.
 
-use std::f64::consts::{FRAC_PI_2, PI};
-
-use mluc_geometry::{Box3, limit_period};
-
 use super::{ClusterPoints, Rectangle};
 use crate::{Sensor, Settings, Variant, priors, priors::EndFace};
 use mluc_geometry::ground::ground_height_m;
+use mluc_geometry::{Box3, limit_period};
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Minimum size, m: sizes of published boxes are above 0.
 const SIZE_MIN_M: f64 = 0.1;

@@ -3,12 +3,10 @@
 //! The tight rectangle is cut by the supporting lines of twelve more directions. The result is the convex hull up to its finest corners, never
 //! smaller, in time linear in the points. Points on a line or on one spot get an outline 1 cm around them, so that it is always a polygon.
 
-use std::f64::consts::FRAC_PI_2;
-
+use super::{ClusterPoints, Rectangle};
 use mluc_geometry::{Box3, Polygon};
 use mluc_ipc_types::FOOTPRINT_MAX;
-
-use super::{ClusterPoints, Rectangle};
+use std::f64::consts::FRAC_PI_2;
 
 /// Number of directions within a quarter turn, the rectangle's own included; the outline has four times as many sides.
 const DIRECTIONS: usize = FOOTPRINT_MAX / 4;

@@ -11,11 +11,10 @@ pub use closeness::Closeness;
 pub use extend::Extend;
 pub use footprint::Footprint;
 
+use crate::{Sensor, Settings, Variant};
 use mluc_geometry::Box3;
 use mluc_kernels::at_best;
 use smart_default::SmartDefault;
-
-use crate::{Sensor, Settings, Variant};
 
 /// Fits boxes as a variant requires; owns the buffers.
 #[derive(Debug)]

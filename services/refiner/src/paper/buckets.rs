@@ -1,9 +1,8 @@
 //! Points of a neighbourhood in square buckets seen from above, for neighbour search.
 
-use mluc_kernels::at_best;
-
 use super::Neighbourhood;
 use crate::fit::spans;
+use mluc_kernels::at_best;
 
 /// A bucket grid over a square around the origin, from which points can be removed one by one; buffers are reused.
 #[derive(Debug, Default)]

@@ -8,13 +8,12 @@ mod seed;
 
 pub use neighbourhood::Neighbourhood;
 
-use mluc_ipc_types::{Disposition, Object};
-
 use crate::fit::{Fitter, Footprint};
 use crate::{FrameIndex, clusters::Measures, frame::IndexedPoint, proposal::Proposal};
 use crate::{Sensor, Settings, Variant, clusterer::Clusterer, clusterer::FrameTask};
 use grow::{Depth, Grower, Growth, Printed};
 use mluc_geometry::ground::GroundGrid;
+use mluc_ipc_types::{Disposition, Object};
 use seed::Seek;
 
 /// Work of a candidate before any point is read; the unit is one read of a point, by measured time.

@@ -105,11 +105,10 @@ fn is_kept(at_m: [f32; 3], keep_one_in: u64) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use mluc_geometry::ground::GROUND_NODES;
-    use mluc_ipc_types::Point;
-
     use super::*;
     use crate::testing::{point, sorted};
+    use mluc_geometry::ground::GROUND_NODES;
+    use mluc_ipc_types::Point;
 
     fn gather(scan: &[Point], seed: usize) -> (Neighbourhood, usize) {
         let mut around = Neighbourhood::default();

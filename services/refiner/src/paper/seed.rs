@@ -1,10 +1,9 @@
 //! Finds the point at which a cluster starts.
 
-use mluc_geometry::{Box3, Inside, Random};
-
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::proposal::{ENLARGED, NEAR_M, reach_m};
 use mluc_geometry::ground::ground_height_m;
+use mluc_geometry::{Box3, Inside, Random};
 
 /// The input of the search for a seed.
 #[derive(Clone, Copy, Debug)]

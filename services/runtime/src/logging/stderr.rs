@@ -1,11 +1,9 @@
 //! Stderr with a bounded wait: output that its reader does not take in time is lost and counted.
 
-use std::{io, io::Write, sync::atomic::AtomicU64, sync::atomic::Ordering, time::Duration};
-
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use tracing::Level;
-
 use super::log_line;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::{io, io::Write, sync::atomic::AtomicU64, sync::atomic::Ordering, time::Duration};
+use tracing::Level;
 
 /// Bytes that a writable pipe takes at once (PIPE_BUF).
 const AT_ONCE: usize = 4096;

@@ -11,19 +11,20 @@ pub(crate) fn check_columns(sizes: &[u64], start: &[u8]) -> Result<(), SourceErr
         let fitting = sizes.iter().filter(|size| size.is_multiple_of(4 * columns));
         2 * fitting.count() > sizes.len()
     };
-    let is_other = |columns| match columns {
+    let is_other = |columns: &u64| match columns {
         _ if !all(4) => true,
-        5 | 7 | 8 => has_rings(start, columns as usize),
+        5 | 7 | 8 if has_rings(start, *columns as usize) => true,
+        8 => false,
         _ => has_negative_intensities(start, 4),
     };
-    let mut columns = [5, 6, 3, 7, 8].into_iter();
-    match columns.find(|columns| all(*columns) && is_other(*columns)) {
-        Some(columns) => {
+    let columns = [5, 6, 3, 7, 8].into_iter();
+    let columns = columns.filter(|columns| all(*columns) && is_other(columns));
+    let columns: Vec<String> = columns.map(|columns| columns.to_string()).collect();
+    match columns.first() {
+        Some(_) => {
             let help = "say which with --columns x,y,z,intensity,..";
-            let bytes = 4 * columns;
-            // A size that fits six numbers fits three as well.
-            let or_three = ["", " or 3"][usize::from(columns == 6)];
-            let found = format!("a multiple of {bytes} bytes: {columns}{or_three} columns? {help}");
+            let (bytes, columns) = (sizes[0], columns.join(" or "));
+            let found = format!("{bytes} bytes: {columns} columns? {help}");
             refused("size", "16 bytes a point (x, y, z, intensity)", found)
         }
         None if has_no_coordinates(start) => {

@@ -1,11 +1,10 @@
 //! Messages with one scan each: `sensor_msgs/PointCloud2` as ROS 2 (CDR) and ROS 1 write it, and `foxglove.PointCloud` in protobuf. The pose of a
 //! `foxglove.PointCloud` in another frame is ignored. Only the first number of a field with several numbers is used.
 
-use prost::Message;
-
 use super::Layout;
 use super::table::{Column, Kind, Table};
 use crate::{Scan, SourceError};
+use prost::Message;
 
 /// Encoding of a message with points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,12 +1,10 @@
 //! What the numbers of a file mean: which are the coordinates, in what unit, along which axes.
 
-use std::path::PathBuf;
-
-use serde::{Deserialize, Serialize};
-use smart_default::SmartDefault;
-
 use super::table::{Kind, Table};
 use crate::{Scan, SourceError, refused};
+use serde::{Deserialize, Serialize};
+use smart_default::SmartDefault;
+use std::path::PathBuf;
 
 /// Maximum number of rows that are read: more than any scan has, and a limit for files that announce more.
 pub(super) const ROWS_MAX: usize = 4 << 20;
@@ -140,8 +138,11 @@ impl Layout {
     pub(crate) fn placing(&self) -> impl Fn([f64; 4]) -> [f32; 4] {
         let axes = self.signed_axes().unwrap_or([(0, 1.0), (1, 1.0), (2, 1.0)]);
         move |[x, y, z, intensity]| {
-            let [x, y, z] = axes
-                .map(|(place, sign)| ([x, y, z][place] - self.origin[place]) * sign * self.scale);
+            // A missing return stays at the origin.
+            let is_none = [x, y, z] == [0.0; 3];
+            let from = if is_none { [0.0; 3] } else { self.origin };
+            let of = |(place, sign)| ([x, y, z][place] - from[place]) * sign * self.scale;
+            let [x, y, z] = axes.map(of);
             [x, y, z, intensity * self.intensity_scale].map(|number| number as f32)
         }
     }

@@ -11,16 +11,14 @@ mod table;
 #[cfg(test)]
 mod tests;
 
+use mluc_ipc_types::POINTS_MAX;
 use std::path::Path;
 
-use mluc_ipc_types::POINTS_MAX;
-
+use crate::{Scan, SourceError};
 pub(crate) use bin::{check_columns, has_negative_intensities};
 pub(crate) use cloud::{CLOUDS, Cloud, Reader};
 pub use layout::Layout;
 use table::Column;
-
-use crate::{Scan, SourceError};
 
 /// Format of a file with points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -84,8 +84,8 @@ fn kind(text: &str) -> Result<Kind, SourceError> {
     let text = text.trim_start_matches(['<', '>', '|', '=']);
     let (letter, bytes) = text.split_at_checked(1).unwrap_or(("", ""));
     let bytes = bytes.parse().unwrap_or(0);
-    let kind =
-        matches!(letter, "f" | "i" | "u").then(|| Kind::new(letter == "f", letter == "i", bytes));
+    let kind = matches!(letter, "f" | "i" | "u" | "b")
+        .then(|| Kind::new(letter == "f", letter == "i", bytes));
     kind.flatten()
         .ok_or_else(|| SourceError::field("descr", "f4, f8, or an integer", text))
 }

@@ -1,9 +1,8 @@
 //! Calibration files of one sensor unit, as the vendors' tools write them.
 
-use serde::Deserialize;
-
 use super::ouster::Metadata;
 use crate::{SourceError, refused};
+use serde::Deserialize;
 
 /// Twice the number of beams of the largest sensor.
 const BEAMS_MAX: usize = 256;

@@ -2,13 +2,11 @@
 //!
 //! The times of the channels within a block are from the manuals' appendix "absolute time of point cloud data".
 
-use std::sync::LazyLock;
-
-use mluc_model::SensorProfile;
-use serde::Deserialize;
-
 use super::{Calibration, Damaged, Revolution, sweep::Sweep, u16_at, u32_at};
 use crate::SourceError;
+use mluc_model::SensorProfile;
+use serde::Deserialize;
+use std::sync::LazyLock;
 
 /// Layout of a product's packet, in bytes: a header, blocks of an azimuth and one shot per channel, a tail.
 #[derive(Deserialize)]

@@ -37,9 +37,8 @@ mod sweep;
 pub(crate) mod tests;
 mod velodyne;
 
-use std::net::{IpAddr, SocketAddr};
-
 use mluc_ipc_types::Point;
+use std::net::{IpAddr, SocketAddr};
 
 pub use calibration::Calibration;
 pub use ouster::{Metadata, Shot};
@@ -69,13 +68,11 @@ pub struct Revolution {
     pub stamp_ns: u64,
     /// Time of arrival of the first datagram, UTC, ns since 1970.
     pub received_ns: u64,
-    /// At most [`POINTS_MAX`](mluc_ipc_types::POINTS_MAX).
+    /// At most four times [`POINTS_MAX`](mluc_ipc_types::POINTS_MAX).
     pub points: Vec<Point>,
     /// Time of each point since `stamp_ns`, ns.
     pub offsets_ns: Vec<u32>,
-    /// Number of points dropped beyond the limit.
-    pub dropped_over_limit: u32,
-    /// Number of packets that are missing in this revolution.
+    /// Number of packets that are missing in this revolution, or damaged.
     pub packets_lost: u32,
     /// Packets came for a part of the turn only. This is so at the start, at the end and around a silence of the sensor.
     pub is_partial: bool,
@@ -199,7 +196,7 @@ impl Decoder {
         };
         match decoded {
             Ok(()) => sweep.counts.packets += 1,
-            Err(Damaged) => sweep.counts.damaged += 1,
+            Err(Damaged) => sweep.damaged(),
         }
     }
 

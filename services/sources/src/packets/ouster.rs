@@ -1,12 +1,10 @@
 //! Ouster's lidar packets and the metadata that they need (firmware user manual: "lidar data packet format", "coordinate frames and XYZ calculation").
 
-use std::{f32::consts::TAU, sync::LazyLock};
-
-use serde::Deserialize;
-use serde_json::{Map, Value};
-
 use super::{Calibration, Damaged, Revolution, sweep::Sweep, u16_at, u32_at};
 use crate::{SourceError, refused};
+use serde::Deserialize;
+use serde_json::{Map, Value};
+use std::{f32::consts::TAU, sync::LazyLock};
 
 const COLUMNS_MAX: usize = 4096;
 const ROWS_MAX: usize = 256;

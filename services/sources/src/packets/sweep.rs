@@ -1,8 +1,7 @@
 //! The revolution under construction: where it ends, which packets are lost, how many points it keeps.
 
-use mluc_ipc_types::{POINTS_MAX, Point};
-
 use super::{Counts, Revolution};
+use mluc_ipc_types::{POINTS_MAX, Point};
 
 /// Half a turn at 20 Hz, the fastest rate of these sensors. A revolution that began at a cut lasts at least this long.
 const TURN_MIN_NS: u64 = 25_000_000;
@@ -25,6 +24,8 @@ pub(super) struct Sweep {
     begins_whole: bool,
     last_azimuth_cdeg: Option<u16>,
     last_column_ns: u64,
+    /// Duration of the last turn without a loss.
+    turn_ns: u64,
     last_sequence: Option<u64>,
     last_packet_ns: Option<u64>,
     /// Packets lost before the current datagram.
@@ -77,6 +78,13 @@ impl Sweep {
         }
     }
 
+    /// Takes a packet that cannot be decoded: the turn lacks its points.
+    pub(super) fn damaged(&mut self) {
+        self.counts.damaged += 1;
+        let lost = &mut self.revolution.packets_lost;
+        *lost = lost.saturating_add(1);
+    }
+
     fn lost(&mut self, packets: u64) {
         self.counts.lost += packets;
         self.lost_before = packets as u32;
@@ -98,8 +106,12 @@ impl Sweep {
         let age_ns = stamp_ns.abs_diff(self.revolution.stamp_ns);
         let goes_on = stamp_ns > self.last_column_ns;
         self.last_column_ns = stamp_ns;
-        // A late packet begins no new turn. At the border, packets pass 0 more than once.
-        if passes_zero && goes_on && (!self.begins_whole || age_ns >= TURN_MIN_NS) {
+        // A late packet begins no new turn. At the border, packets pass 0 more than once. A field around azimuth 0 ends at its gap, not at 0.
+        let least_ns = TURN_MIN_NS.max(self.turn_ns / 20 * 9);
+        if passes_zero && goes_on && (!self.begins_whole || age_ns >= least_ns) {
+            if age_ns <= TURN_MAX_NS && self.revolution.packets_lost == 0 {
+                self.turn_ns = age_ns;
+            }
             // Packets lost around the border are divided between both turns by their angles.
             let [before, after] = [last, azimuth_cdeg].map(|at| u64::from(at.min(36_000)));
             let (before, after) = match after > before {
@@ -144,8 +156,8 @@ impl Sweep {
     /// Adds a point: `xyz_m` in the frame of the [module](super), reflectivity of 0 to 255.
     pub(super) fn point(&mut self, xyz_m: [f32; 3], reflectivity: u8, stamp_ns: u64) {
         let revolution = &mut self.revolution;
-        if revolution.points.len() == POINTS_MAX {
-            revolution.dropped_over_limit = revolution.dropped_over_limit.saturating_add(1);
+        // Ingest counts and flags what is beyond its own limit; no sensor's turn reaches this one.
+        if revolution.points.len() == 4 * POINTS_MAX {
             return;
         }
         let [x_m, y_m, z_m] = xyz_m;
@@ -175,7 +187,6 @@ impl Sweep {
         on(revolution);
         revolution.points.clear();
         revolution.offsets_ns.clear();
-        revolution.dropped_over_limit = 0;
         revolution.packets_lost = lost_after;
     }
 }

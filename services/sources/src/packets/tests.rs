@@ -1,11 +1,9 @@
 //! Made packets of every family (`families.txt`) through detection, cutting, loss and times; hostile ones. `tests/tests/oracle_packets.rs` has recorded ones.
 
-use std::net::SocketAddr;
-
+use super::*;
 use mluc_ipc_types::POINTS_MAX;
 use proptest::prelude::*;
-
-use super::*;
+use std::net::SocketAddr;
 
 /// 2023-11-14, 22:00 UTC.
 pub(crate) const HOUR_NS: u64 = 1_699_999_200_000_000_000;
@@ -326,19 +324,24 @@ fn every_firing_of_a_vls_128_turns_on() {
 #[test]
 fn a_sector_that_is_left_out_is_no_loss_and_no_part_of_another_turn() {
     let kind = &kinds()[0];
-    let (mut decoder, mut turns) = (kind.decoder(), vec![]);
-    let mut keep = |scan: &Revolution| turns.push((scan.is_partial, scan.points.len()));
-    // From 100.8 to 259.2 degrees alone.
-    for n in (0..4 * kind.per_turn).filter(|n| (21..54).contains(&(n % kind.per_turn))) {
-        let ns = HOUR_NS + u64::from(n) * kind.interval_ns;
-        decoder.push(&datagram(ns, &kind.packet(n, ns)), &mut keep);
-    }
-    decoder.finish(&mut keep);
+    let turns_of = |turns: u32, sees: fn(u32) -> bool| {
+        let (mut decoder, mut found) = (kind.decoder(), vec![]);
+        let mut keep = |scan: &Revolution| found.push((scan.is_partial, scan.points.len()));
+        for n in (0..turns * kind.per_turn).filter(|n| sees(n % kind.per_turn)) {
+            let ns = HOUR_NS + u64::from(n) * kind.interval_ns;
+            decoder.push(&datagram(ns, &kind.packet(n, ns)), &mut keep);
+        }
+        decoder.finish(&mut keep);
+        (found, decoder.counts().lost)
+    };
+    // From 100.8 to 259.2 degrees alone. The first gap cannot be told from a loss.
     let points = 33 * kind.points_per_packet;
     let expected = [true, false, false, true].map(|is_partial| (is_partial, points));
-    assert_eq!(turns, expected);
-    // The first one cannot be told from a loss.
-    assert_eq!(decoder.counts().lost, 42);
+    let found = turns_of(4, |n| (21..54).contains(&n));
+    assert_eq!(found, (expected.to_vec(), 42));
+    // From 259.2 over 0 to 67.2 degrees: one scan per turn after the first two.
+    let (found, _) = turns_of(8, |n| !(14..54).contains(&n));
+    assert_eq!(found[4..8], [(false, 35 * kind.points_per_packet); 4]);
 }
 
 #[test]
@@ -369,17 +372,16 @@ fn equal_returns_are_one_point_and_no_return_is_none() {
 }
 
 #[test]
-fn a_revolution_that_never_ends_is_cut_at_the_limit_and_counted() {
+fn a_revolution_that_never_ends_stops_growing() {
     let kind = &kinds()[0];
     let (packet, mut decoder) = (kind.packet(0, 0), kind.decoder());
-    let mut held = (0, 0);
-    let mut keep = |scan: &Revolution| held = (scan.points.len(), scan.dropped_over_limit);
-    for _ in 0..700 {
+    let mut held = 0;
+    let mut keep = |scan: &Revolution| held = scan.points.len();
+    for _ in 0..2_800 {
         decoder.push(&datagram(0, &packet), &mut keep);
     }
     decoder.finish(&mut keep);
-    let dropped = 700 * 384 - POINTS_MAX;
-    assert_eq!(held, (POINTS_MAX, dropped as u32));
+    assert_eq!(held, 4 * POINTS_MAX);
 }
 
 #[test]

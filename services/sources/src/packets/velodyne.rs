@@ -4,13 +4,11 @@
 //! followed, so that clouds are the same: no rotation in a packet's last block (0.4 degrees at most) or in an HDL-64E. A VLS-128 fires one to three
 //! times per packet; its last firing rotates as far as the one before. The HDL-64E reports no return mode: two returns of a shot are two points.
 
-use std::sync::LazyLock;
-
-use mluc_model::SensorProfile;
-use serde::Deserialize;
-
 use super::{Calibration, Damaged, Revolution, calibration::Laser, sweep::Sweep, u16_at, u32_at};
 use crate::{SourceError, refused};
+use mluc_model::SensorProfile;
+use serde::Deserialize;
+use std::sync::LazyLock;
 
 const BYTES: usize = 1206;
 const BLOCKS: usize = 12;

@@ -1,16 +1,14 @@
 //! The parts of a consumer's contract, one function each.
 
-use std::time::{Duration, Instant};
-
+use super::{Session, Suite, player::Frame, player::Player};
+use crate::suite::{Case, Outcome, fill, wrong_instance};
 use anyhow::{Context, ensure};
 use mluc_geometry::Random;
 use mluc_ipc_types::Stage;
 use mluc_runtime::ClaimNote;
 use rustix::process::Signal;
 use serde_json::Value;
-
-use super::{Session, Suite, player::Frame, player::Player};
-use crate::suite::{Case, Outcome, fill, wrong_instance};
+use std::time::{Duration, Instant};
 
 const FRAMES: usize = 5;
 /// Frames that are sent while the program is held.

@@ -3,15 +3,13 @@
 mod cases;
 mod player;
 
-use std::time::Duration;
-
+use crate::{program::Options, suite, suite::Case, suite::Suite};
 use anyhow::{Context, ensure};
 use mluc_runtime::Instance;
-use serde_json::Value;
-
-use crate::{program::Options, suite, suite::Case, suite::Suite};
 use player::Frame;
 pub(crate) use player::Player;
+use serde_json::Value;
+use std::time::Duration;
 
 /// Interval at which a wait checks its condition.
 const LOOK: Duration = Duration::from_millis(5);

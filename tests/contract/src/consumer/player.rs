@@ -1,13 +1,12 @@
 //! Plays a pipeline: a supervisor that describes the run, and a refiner's results with their scans.
 
+use crate::{program::Options, suite::begin_run, suite::stamp};
 use bytemuck::Zeroable;
 use mluc_ipc_types::{
     Disposition, FrameHeader, NO_PROBABILITY, OBJECTS_MAX, Object, ObjectKind, POINTS_MAX, Point,
     RunDescription, Stage, Status, StatusState, Topic, WIRE_VERSION,
 };
 use mluc_runtime::{Instance, Output, Shell, monotonic_ns};
-
-use crate::{program::Options, suite::begin_run, suite::stamp};
 
 /// Room for messages that break the contract because they are longer than its bounds.
 const TOO_MANY_OBJECTS: usize = OBJECTS_MAX + 88;

@@ -1,9 +1,8 @@
 //! Checks whether an answer keeps the contract.
 
+use crate::refiner::player::{Answer, Frame};
 use anyhow::{bail, ensure};
 use mluc_ipc_types::{DETECTIONS_MAX, Disposition, Flags, FrameHeader, Object, Stage};
-
-use crate::refiner::player::{Answer, Frame};
 
 /// Checks what holds for every answer, whatever the input was.
 pub(crate) fn check_form(frame: &Frame, answer: &Answer, classes: usize) -> anyhow::Result<()> {

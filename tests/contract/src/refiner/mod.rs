@@ -6,13 +6,11 @@ mod player;
 mod scene;
 mod session;
 
-use std::process::ExitCode;
-
+use crate::suite::{self, SuiteArgs, run_command, supervised};
 use clap::Args;
 use mluc_refiner::Variant;
-
-use crate::suite::{self, SuiteArgs, run_command, supervised};
 use player::Player;
+use std::process::ExitCode;
 
 #[derive(Args, Clone, Debug)]
 pub(crate) struct RefinerArgs {

@@ -1,13 +1,12 @@
 //! Plays ingest, backbone and head, and reads the refiner's messages.
 
+use crate::{program::Options, refiner::scene::usual, suite::begin_run, suite::stamp};
 use anyhow::Context;
 use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, FrameHeader, Health, Object, POINTS_MAX, Point, RunDescription,
     Stage, Topic,
 };
 use mluc_runtime::{HealthWatch, Input, Instance, Output, Shell};
-
-use crate::{program::Options, refiner::scene::usual, suite::begin_run, suite::stamp};
 
 /// Room for messages that break the contract because they are longer than its bounds.
 const TOO_MANY_DETECTIONS: usize = DETECTIONS_MAX + 88;

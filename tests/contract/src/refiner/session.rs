@@ -1,14 +1,12 @@
 //! One program under test, and the ports that are connected to it.
 
-use std::time::Duration;
-
-use anyhow::{Context, anyhow, bail};
-use mluc_ipc_types::{Health, Stage};
-use mluc_runtime::{Instance, monotonic_ns};
-
 use crate::refiner::answer::{check_form, check_objects};
 use crate::refiner::player::{Answer, Frame, Player};
 use crate::{program::Options, refiner::cases, suite, suite::Case, suite::Suite};
+use anyhow::{Context, anyhow, bail};
+use mluc_ipc_types::{Health, Stage};
+use mluc_runtime::{Instance, monotonic_ns};
+use std::time::Duration;
 
 /// Interval at which a wait checks its condition.
 const LOOK: Duration = Duration::from_millis(20);

@@ -1,14 +1,12 @@
 //! The parts of a source's contract, one function each.
 
-use std::time::{Duration, Instant};
-
-use anyhow::{Context, ensure};
-use mluc_ipc_types::{Health, HealthState, Stage};
-use mluc_runtime::monotonic_ns;
-
 use super::Session;
 use crate::program::Program;
 use crate::suite::{Case, Outcome, wrong_instance};
+use anyhow::{Context, ensure};
+use mluc_ipc_types::{Health, HealthState, Stage};
+use mluc_runtime::monotonic_ns;
+use std::time::{Duration, Instant};
 
 /// The number of scans that a case takes.
 const SCANS: u64 = 5;

@@ -3,11 +3,10 @@
 mod cases;
 mod player;
 
+use crate::{program::Options, suite, suite::Case, suite::Suite};
 use anyhow::{Context, Result, ensure};
 use mluc_ipc_types::{Health, HealthState, Stage};
 use mluc_runtime::Instance;
-
-use crate::{program::Options, suite, suite::Case, suite::Suite};
 pub(crate) use player::Player;
 use player::Scan;
 

@@ -1,7 +1,6 @@
 //! Plays the supervisor, backbone, head and refiner, and reads the source's messages.
 
-use std::time::Duration;
-
+use crate::{program::Options, suite::begin_run};
 use anyhow::ensure;
 use bytemuck::Zeroable;
 use mluc_ipc_types::{
@@ -9,8 +8,7 @@ use mluc_ipc_types::{
     Topic, WIRE_VERSION,
 };
 use mluc_runtime::{HealthWatch, Input, Instance, Output, RuntimeError, Shell, monotonic_ns};
-
-use crate::{program::Options, suite::begin_run};
+use std::time::Duration;
 
 /// Time between two status messages.
 const PERIOD_NS: u64 = 100_000_000;

@@ -1,16 +1,14 @@
 //! The request of an adaptation, and the amount of work that fits the time, from a short probe of this machine.
 
-use std::{path::Path, path::PathBuf, time::Instant};
-
+use super::super::{simulate::export_with_progress, terminal::print_err};
+use super::{super::train::commit, super::train::train, lower};
 use anyhow::{Context, ensure};
 use mluc_dataset::whole_file::write_whole;
 use mluc_model::SensorProfile;
 use mluc_simulate::{Class, ExportOptions, Family, Split};
 use mluc_train::TrainSettings;
 use serde::{Deserialize, Serialize};
-
-use super::super::{simulate::export_with_progress, terminal::print_err};
-use super::{super::train::commit, super::train::train, lower};
+use std::{path::Path, path::PathBuf, time::Instant};
 
 const BATCH: usize = 4;
 /// Number of times that a scan is trained on: a guess that balances few scenes against few repetitions.
@@ -20,7 +18,7 @@ const LEARNING_RATE: f64 = 0.001;
 /// Number of full-circle scans, and number of steps, in the probe.
 const PROBE: (f64, u64) = (8.0, 3);
 /// Validation scans per hour of the request, and their minimum and maximum.
-const VAL_SCANS: (f64, [f64; 2]) = (120.0, [12.0, 240.0]);
+const VAL_SCANS: (f64, [f64; 2]) = (120.0, [30.0, 240.0]);
 /// Evaluating a validation scan before, after and in each precision takes as long as training on this many scans (a guess), other work this share of the time.
 const JUDGE_SCANS: f64 = 2.5;
 const OTHER_SHARE: f64 = 0.08;
@@ -110,7 +108,7 @@ impl Plan {
                 path.display(),
                 request.version
             );
-            print_err("begun before: goes on behind the last step that is done");
+            print_err("begun before: resuming after the last finished step");
             plan
         } else {
             write_whole(&first, init).with_context(|| first.display().to_string())?;

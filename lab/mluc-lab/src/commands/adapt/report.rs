@@ -1,11 +1,10 @@
 //! The report of an adaptation, for a person.
 
+use super::plan::Plan;
 use mluc_evaluate::{ClassReport, pipeline::ModelJudgement, render};
 use mluc_model::Model;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-
-use super::plan::Plan;
 
 /// Name, labels that count, overlap, percent.
 type Row = (String, usize, f64, f64);

@@ -26,7 +26,7 @@ pub(crate) struct ModelArguments {
     /// Folder in KITTI's format: velodyne, label_2, calib.
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
-    /// First so many frames.
+    /// Only the first N frames.
     #[arg(long, default_value_t = usize::MAX, hide_default_value = true, value_parser = RangedU64ValueParser::<usize>::new().range(1..), value_name = "N")]
     frames: usize,
     /// Only the frames that ImageSets/SPLIT.txt names [default: all scans].
@@ -36,7 +36,7 @@ pub(crate) struct ModelArguments {
     /// removed, an oriented box; range-scaled, with a join distance that grows with range; none, the proposal box as it is.
     #[arg(long, value_parser = one_of(&Variant::ALL, Variant::name), default_value = "paper-corrected")]
     refiner: Variant,
-    /// Of the backbone; int8 after `mluc-lab quantize`.
+    /// Arithmetic of the backbone; int8 needs `mluc-lab quantize` first.
     #[arg(long, default_value_t, value_parser = one_of(&[Precision::F32, Precision::Bf16, Precision::Int8, Precision::Auto], Precision::name))]
     precision: Precision,
     /// Label classes that are unknown; unseen: those of `simulate --unseen` [default: golf_cart,forklift for udi, van,truck for kitti, all four for any, and
@@ -79,8 +79,8 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let model = Model::read(path)?;
     let has_profiles = arguments.refiner == Variant::default();
     ensure!(
-        has_profiles || !arguments.write_profiles,
-        "--write-profiles: expected --refiner {}, found {}",
+        has_profiles || !(arguments.write_profiles || arguments.write_precisions),
+        "--write-profiles, --write-precisions: expected --refiner {}, found {}",
         Variant::default().name(),
         arguments.refiner.name()
     );

@@ -3,8 +3,7 @@
 mod noise;
 mod picture;
 
-use std::{path::Path, path::PathBuf, time::Duration, time::Instant};
-
+use super::terminal::{print_err, print_out, write_out};
 use anyhow::{Result, ensure};
 use clap::Args;
 use mluc_evaluate::render;
@@ -13,8 +12,7 @@ use mluc_ipc_types::Point;
 use mluc_model::SensorProfile;
 use mluc_sources::{LayoutArgs, Next, Scan, Source};
 use serde_json::json;
-
-use super::terminal::{print_err, print_out, write_out};
+use std::{path::Path, path::PathBuf, time::Duration, time::Instant};
 
 /// Estimate a sensor's profile from its scans: beams, columns, field, range, noise, height, tilt, own body; compared with the nearest product.
 ///
@@ -87,8 +85,12 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
         if next != Next::Scan {
             break;
         }
-        let (path, name, is_read) = (input.display(), &scan.name, !scan.bytes.is_empty());
-        ensure!(is_read, "{path}: scan {name} is empty or cannot be read");
+        if scan.bytes.is_empty() {
+            let (path, name) = (input.display(), &scan.name);
+            let what = "is empty or cannot be read";
+            print_err(format_args!("warning: {path}: scan {name} {what}"));
+            continue;
+        }
         let points = bin_points(&scan.bytes).filter(Point::is_finite);
         let points: Vec<Point> = points.collect();
         let not_finite = scan.bytes.len() / POINT_BYTES - points.len();

@@ -1,10 +1,9 @@
 //! Picture of beam elevations: the returns of scans with another sensor's beams, or a profile with its rings on cars.
 
-use std::f32::consts::TAU;
-
 use mluc_gateway::picture::{Canvas, Color};
 use mluc_ingest::estimate::{SensorEstimate, elevations::bin_deg};
 use mluc_model::{SensorProfile, Wave};
+use std::f32::consts::TAU;
 
 const GROUND: Color = [11, 15, 22];
 const TEXT: Color = [168, 180, 196];

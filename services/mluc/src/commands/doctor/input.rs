@@ -1,13 +1,11 @@
 //! `mluc doctor --input`: which sensor the scans are from, and whether the model takes them.
 
-use std::{path::Path, time::Duration, time::Instant};
-
+use super::{Failure, Finding, Fine, Warning};
 use mluc_ingest::estimate::{Estimator, SensorEstimate};
 use mluc_ingest::{Expected, decode_bin, inspect_bin};
 use mluc_ipc_types::{Flags, POINTS_MAX, Point};
-
-use super::{Failure, Finding, Fine, Warning};
 use mluc_sources::{Next, Open, Scan, files::Layout, idle_options};
+use std::{path::Path, time::Duration, time::Instant};
 
 /// Number of scans that are examined, spread over the input.
 const SCANS: u64 = 20;
@@ -82,7 +80,7 @@ pub(super) fn findings(
     }
     let command = match reasons[..] {
         [] if !sees_nothing => command(found, expected),
-        _ => "first do what is said above".to_string(),
+        _ => "first follow the warnings above".to_string(),
     };
     findings.push((Fine, format!("to use: {command}")));
     Ok(findings)
@@ -129,7 +127,7 @@ fn about_beams(found: &SensorEstimate) -> String {
 fn about_mounting(found: &SensorEstimate) -> String {
     match found.height_m {
         Some(height_m) => format!(
-            "sensor {height_m:.2} m above the ground, pitch {:.1} and roll {:.1} degrees; near returns that stay in {} degrees around",
+            "sensor {height_m:.2} m above the ground, pitch {:.1} and roll {:.1} degrees; the robot itself hides {} degrees",
             found.pitch_deg, found.roll_deg, found.own_body_deg
         ),
         None => "no ground found with z up".to_string(),

@@ -1,12 +1,10 @@
 //! When the next frame enters.
 
-use std::time::Duration;
-
-use anyhow::Context;
-use mluc_runtime::{ClaimNote, RuntimeError, monotonic_ns, wall_clock_ns};
-
 use super::sender::Sender;
 use crate::{settings::Settings, supervisor::ROLE};
+use anyhow::Context;
+use mluc_runtime::{ClaimNote, RuntimeError, monotonic_ns, wall_clock_ns};
+use std::time::Duration;
 
 /// Frames per second of an input without stamps.
 const RATE_HZ: f64 = 10.0;

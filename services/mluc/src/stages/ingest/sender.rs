@@ -1,7 +1,6 @@
 //! Reads a scan and publishes it, and checks whether the later stages take frames: a frame that is sent before is lost.
 
-use std::{panic::resume_unwind, time::Duration, time::Instant};
-
+use crate::stages::models::Models;
 use anyhow::{Context, Result, ensure};
 use crossbeam_channel::{RecvTimeoutError, bounded};
 use mluc_ingest::{DecodeReport, Expected, Guard, decode_bin, inspect_bin};
@@ -11,10 +10,8 @@ use mluc_runtime::{
     HealthWatch, Input, Output, RuntimeError, Shell, count_frame, monotonic_ns, stamp_published,
     wall_clock_ns,
 };
-
 use mluc_sources::{Next, Scan, Source};
-
-use crate::stages::models::Models;
+use std::{panic::resume_unwind, time::Duration, time::Instant};
 
 /// Time between two heartbeats while a file is read.
 const READING_TICK: Duration = Duration::from_millis(50);

@@ -5,10 +5,9 @@
 //! step. The nearest return represents its pixel, and returns just behind it join with it. Pixels of the ground stop a direction. Without a beam
 //! table, neighbours are found within a distance that grows with range.
 
-use mluc_model::Beams;
-
 use super::{Grower, Growth};
 use crate::{paper::angle::is_above, paper::buckets::Buckets, paper::neighbourhood::Neighbourhood};
+use mluc_model::Beams;
 
 const EMPTY: u32 = u32::MAX;
 /// Points are joined when the angle is above this, degrees. On real scans 10 keeps 94 % of the pairs on one object and joins

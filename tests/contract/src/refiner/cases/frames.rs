@@ -1,11 +1,10 @@
 //! Frames that sound stages may send.
 
-use anyhow::ensure;
-use mluc_ipc_types::{CandidateCounts, DETECTIONS_MAX, Detection, Flags, POINTS_MAX, Point};
-
 use super::Outcome;
 use crate::refiner::scene::{CAR, CART, Thing, blob, candidate, known, scan, usual};
 use crate::{refiner::answer::is_flagged, refiner::player::Answer, refiner::session::Session};
+use anyhow::ensure;
+use mluc_ipc_types::{CandidateCounts, DETECTIONS_MAX, Detection, Flags, POINTS_MAX, Point};
 
 pub(super) fn scene(session: &mut Session) -> Outcome {
     let before = session.fresh_health()?.candidates;

@@ -1,13 +1,12 @@
 //! Frames that no sound stage sends.
 
-use anyhow::{Context, ensure};
-use mluc_geometry::Random;
-use mluc_ipc_types::{DETECTIONS_MAX, Detection, Disposition, Flags, NAME_MAX, Object, POINTS_MAX};
-
 use super::Outcome;
 use crate::refiner::player::{Answer, Frame};
 use crate::refiner::scene::{CART, candidate, scan};
 use crate::{refiner::answer::is_flagged, refiner::session::Session, suite::fill};
+use anyhow::{Context, ensure};
+use mluc_geometry::Random;
+use mluc_ipc_types::{DETECTIONS_MAX, Detection, Disposition, Flags, NAME_MAX, Object, POINTS_MAX};
 
 const NOISY_FRAMES: u64 = 8;
 

@@ -1,15 +1,13 @@
 //! Start, silence, death, end, and more frames than the program can take.
 
-use std::time::{Duration, Instant};
-
+use super::Outcome;
+use crate::refiner::session::{Session, describe};
+use crate::{refiner::player::Player, refiner::scene::usual};
 use anyhow::{Context, ensure};
 use mluc_ipc_types::{Health, HealthState};
 use mluc_runtime::monotonic_ns;
 use rustix::process::Signal;
-
-use super::Outcome;
-use crate::refiner::session::{Session, describe};
-use crate::{refiner::player::Player, refiner::scene::usual};
+use std::time::{Duration, Instant};
 
 /// Longest time between two heartbeats of a program that waits: five times the usual time.
 const HEARTBEAT_MAX: Duration = Duration::from_millis(500);

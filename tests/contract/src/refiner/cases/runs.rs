@@ -1,11 +1,10 @@
 //! Runs of frames, valid sequences in a run, and a side that was built with another contract or runs another model.
 
-use anyhow::{Context, ensure};
-use mluc_ipc_types::{Flags, Health, WIRE_VERSION};
-
 use super::Outcome;
 use crate::suite::{names_both, wrong_instance};
 use crate::{refiner::answer::is_flagged, refiner::session::Session};
+use anyhow::{Context, ensure};
+use mluc_ipc_types::{Flags, Health, WIRE_VERSION};
 
 /// A run that differs from all runs of the suite, whose ids are random.
 const OTHER_RUN: u64 = 1;
