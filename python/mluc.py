@@ -29,7 +29,7 @@ GATES = 4  # codes of `gate`: 0 to 3
 FOOTPRINT_MAX, FINITE = 16, ("center_m", "size_m", "yaw_rad", "score", "eds", "eds_normalised", "threshold", "overlap")
 # Bits of a header's flags.
 TRUNCATED, DEGRADED, LIMIT_HIT, NOT_FINITE, POINTS_GONE, EMPTY = 1 << 1, 1 << 2, 1 << 3, 1 << 5, 1 << 7, 1 << 8
-LIMIT_OBJECT_POINTS = 1 << 13
+LIMIT_OBJECT_POINTS, SUSPECT_UNIT, SUSPECT_AXES = 1 << 13, 1 << 16, 1 << 17
 PUBLISHED, OVERLAPS_KNOWN, OVERLAPS_UNKNOWN, TOO_FEW_POINTS, OVERSIZED, INVALID_BOX, UNCONFIRMED, UNDERSIZED, LOW_SCORE = range(9)
 STATES, STATUS_AGE_MAX_NS = ("starting", "running", "degraded", "blind", "late", "stopped"), 2_000_000_000
 STARTING, WAITING_INPUT, RUNNING, BAD, FAILED, STOPPING = range(6)
@@ -178,7 +178,7 @@ class Member:
         except FileNotFoundError as error:
             sys.exit(f"no pipeline runs there, start `mluc up` first: {error}")
         if f"wire={WIRE_VERSION}" not in begun.split():
-            sys.exit(f"this program speaks wire version {WIRE_VERSION}, {self.root} {begun}: run the same mluc twice")
+            sys.exit(f"expected wire version {WIRE_VERSION}, found {begun} in {self.root}/contract: run the same mluc on both sides")
 
     def input(self, name):
         self.services[name] = open_topic(self.node, name)[0]
@@ -439,7 +439,7 @@ class Stage(Member):
     def done(self, started_ns):
         """Counts a frame that was published."""
         self.times.append((time.monotonic_ns() - started_ns) // 1000)
-        self.health.run_max_us = max(self.health.run_max_us, self.times[-1])
+        self.health.run_max_us = max(self.times)
         self.health.frames_in, self.health.frames_out = self.health.frames_in + 1, self.health.frames_out + 1
 
     def leave(self, reason=""):
@@ -555,7 +555,8 @@ class Refiner(Stage):
         self.say(BAD, reason)
 
     def frames(self):
-        """Yields frame after frame, always the newest, until this process is asked to end."""
+        """Yields frame after frame, always the newest, until this process is asked to end. `points` and `detections` lie in shared memory, with numbers
+        that nobody has checked, until `publish` or the loop goes on: copy what you keep."""
         heard_ns = time.monotonic_ns()
         self.say(WAITING_INPUT, "waiting for detections")
         while not self.is_stopping:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What scans are made of, without labels: simulated ones beside recorded ones.
+"""What scans are made of, without labels: simulated ones versus recorded ones.
 
     bench/realism/compare_scans.py NAME=FOLDER [NAME=FOLDER ..] [--ahead] [--scans 40]
 

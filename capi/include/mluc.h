@@ -34,7 +34,7 @@ extern "C" {
 #define MLUC_ASSERT(condition, words) _Static_assert(condition, words)
 #endif
 
-/* Of the contract that this header describes; mluc_wire_version() tells the library's. */
+/* Of the contract that this header describes; mluc_wire_version() returns the library's. */
 #define MLUC_WIRE_VERSION 6u
 
 /* What a call returns; negative ones are errors, and mluc_last_error() says more. */
@@ -43,7 +43,7 @@ enum {
     MLUC_TIMEOUT = 1,        /* no frame came in time, or no scan can be taken yet: call again */
     MLUC_STOPPING = 2,       /* SIGTERM or SIGINT came: close, return 0 from main. From the first mluc_*_open on, a failed one too,
                                 they no longer end the process by themselves; your own handlers from before are still called */
-    MLUC_ERROR_USAGE = -1,   /* a null pointer, or a call out of turn */
+    MLUC_ERROR_USAGE = -1,   /* a null pointer, or a call at the wrong time, such as publish before wait */
     MLUC_ERROR_OPEN = -2,    /* another wire version, another process has the place, shared memory is full */
     MLUC_ERROR_CONTRACT = -3,/* what was to be published breaks the contract: nothing was */
     MLUC_ERROR_MEMORY = -4,  /* shared memory failed */
@@ -109,8 +109,8 @@ enum {
     MLUC_LOW_SCORE = 8
 };
 
-/* Bits of an object's flags. Its upper bytes are numbers, each one more than its steps, 0 where nobody tells it: bits 8 to 15 the age of its
- * track in scans, 16 to 23 its speed in 0.25 m/s, 24 to 31 the probability in 1/254. */
+/* Bits of an object's flags. Its upper bytes are numbers, each the number of steps plus one, 0: not given. Bits 8 to 15 are the age of
+ * its track in scans, 16 to 23 its speed in 0.25 m/s, 24 to 31 the probability in 1/254. */
 enum { MLUC_UNREFINED = 1, MLUC_SPLIT = 2, MLUC_THINNED = 4, MLUC_SMALL = 8, MLUC_LARGE = 16, MLUC_POST = 32, MLUC_CONFIRMED = 64 };
 
 typedef struct mluc_stamps {
@@ -201,7 +201,7 @@ typedef struct mluc_run {
     uint64_t model_fingerprint;
     uint64_t other_model_fingerprint; /* its frames count too, while the model changes; 0: none */
     double base_from_sensor[6]; /* x, y, z, roll, pitch, yaw */
-    float sensor_height_m;
+    float sensor_height_m; /* that the model was made for */
     float objectness_min;
     uint32_t gate;
     float gate_threshold;
@@ -224,7 +224,7 @@ enum {
 
 #define MLUC_NO_NUMBER UINT64_MAX
 
-/* The element of the topic `status`: what the pipeline is worth at a moment (docs/CONTRACT.md, "Status"). A refiner does not
+/* The element of the topic `status`: the state of the pipeline at one moment (docs/CONTRACT.md, "Status"). A refiner does not
  * need it; a consumer gets it with each wait. */
 typedef struct mluc_status {
     uint32_t wire_version;
@@ -306,12 +306,12 @@ typedef struct mluc_result {
 
 typedef struct mluc_consumer mluc_consumer;
 
-/* Joins the instance that MLUC_INSTANCE names ("default" without it) as one that looks on, and logs to stderr. No pipeline need
- * run yet. */
+/* Joins the instance that MLUC_INSTANCE names ("default" without it) as a consumer, and logs to stderr. The pipeline may
+ * start later. */
 int32_t mluc_consumer_open(mluc_consumer **consumer);
 
-/* Waits for the newest frame, at most timeout_ms. Frames that break the contract are refused. With MLUC_TIMEOUT the status alone
- * is told: whether nothing comes because nothing runs. */
+/* Waits for the newest frame, at most timeout_ms. Frames that break the contract are refused. With MLUC_TIMEOUT only the status
+ * is given: it says whether a pipeline runs. */
 int32_t mluc_consumer_wait(mluc_consumer *consumer, uint32_t timeout_ms, mluc_result *result);
 
 /* Leaves. Null is fine. */

@@ -126,7 +126,7 @@ handle!(
     Consumer,
     mluc_consumer_open,
     mluc_consumer_close,
-    "one that looks on; no pipeline need run yet"
+    "a consumer; the pipeline may start later"
 );
 handle!(
     MlucSource,

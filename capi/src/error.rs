@@ -14,7 +14,7 @@ pub enum Code {
     Timeout = 1,
     /// The process was asked to end (SIGTERM, SIGINT): close and return from `main` with 0.
     Stopping = 2,
-    /// A null pointer, or a call out of turn.
+    /// A null pointer, or a call at the wrong time, such as publish before wait.
     Usage = -1,
     /// The instance could not be joined: another wire version, a refiner runs already, shared memory is full.
     Open = -2,

@@ -1,4 +1,4 @@
-// A consumer in C++: the published objects of each frame and their points, a line of JSON each. It looks on: `mluc up` neither knows
+// A consumer in C++: the published objects of each frame and their points, a line of JSON each. It only reads: `mluc up` neither knows
 // it nor waits for it. `MLUC_INSTANCE=default build/consumer-cpp/consumer`
 
 #include <cstdio>
@@ -40,6 +40,8 @@ int main() {
         const char *state = result.status ? kStates[result.status->state] : kStates[0];
         if (code == MLUC_TIMEOUT) std::fprintf(stderr, "no frame: %s\n", state);
         if (code != MLUC_OK) continue;
+        // The status of this frame may come later than its objects; these flags make it blind.
+        if (result.header->flags & (MLUC_EMPTY | MLUC_SUSPECT_UNIT | MLUC_SUSPECT_AXES)) state = "blind";
         std::printf("{\"sequence\": %llu, \"state\": \"%s\", \"objects\": [", (unsigned long long)result.header->sequence, state);
         bool is_first = true;
         for (size_t i = 0; i < result.objects_count; ++i) {

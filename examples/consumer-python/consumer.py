@@ -1,4 +1,4 @@
-"""A consumer in Python: the objects of each frame and their points, a line of JSON each. It looks on: `mluc up` neither knows it nor waits for it.
+"""A consumer in Python: the objects of each frame and their points, a line of JSON each. It only reads: `mluc up` neither knows it nor waits for it.
 
     MLUC_INSTANCE=default python3 examples/consumer-python/consumer.py
 """
@@ -14,6 +14,8 @@ for frame in consumer.frames(silence_s=1):
     if frame is None:
         print(f"no frame: {state} {reason}", file=sys.stderr)
         continue
+    if frame.header.flags & (mluc.EMPTY | mluc.SUSPECT_UNIT | mluc.SUSPECT_AXES):
+        state = "blind"  # the status of this frame may come later than its objects
     found = []
     for o in frame.objects[frame.objects["disposition"] == mluc.PUBLISHED]:
         points = frame.points[frame.points_of(o)]

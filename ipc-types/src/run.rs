@@ -33,7 +33,7 @@ pub struct RunDescription {
     /// Where the sensor sits on the robot: x, y, z in m, roll, pitch, yaw in rad. A point p of the sensor frame lies at
     /// R p + (x, y, z) in the base frame, R = Rz(yaw) Ry(pitch) Rx(roll). Zeros are the identity.
     pub base_from_sensor: [f64; 6],
-    /// Height of the sensor above the ground, m.
+    /// Height above the ground that the model was made for, m.
     pub sensor_height_m: f32,
     /// Boxes below this objectness are not in the detections.
     pub objectness_min: f32,

@@ -70,13 +70,14 @@ fn a_run_without_a_usable_frame_fails_and_one_with_a_usable_frame_does_not() {
     setting.write_scan("empty", &[]);
     setting.write_scan("nan", &[[f32::NAN; 4]; 1000]);
     fs::write(setting.input.join("text.bin"), b"hello").unwrap();
+    setting.write_scan("far", &[[500.0, 0.0, 0.0, 0.5]; 1000]);
     let garbage = setting.run("");
-    garbage.assert_ended(1, 3);
+    garbage.assert_ended(1, 4);
     garbage.assert_says(&["no frame was usable", "empty 3"]);
     let silent = setting.config("[stages.ingest]\ncommand = [\"true\"]\n");
     refuses(&setting, 1, &silent, &["the input gave no scan"]);
     setting.write_scan("scan", &car_scan(8.0));
-    setting.run("").assert_ended(0, 4);
+    setting.run("").assert_ended(0, 5);
 }
 
 #[test]

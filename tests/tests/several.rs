@@ -1,6 +1,7 @@
 //! Several LiDARs as one frame: half scans together give the objects of the whole scans; without one sensor the frames continue.
 
 use mluc_dataset::scan_bytes;
+use mluc_model::Model;
 use mluc_tests::{Finished, Running, Setting, root, write_file};
 use serde_json::Value;
 
@@ -48,6 +49,9 @@ fn halves_are_one_scan_and_a_sensor_that_is_missing_is_told() {
     let whole = up(&setting, &format!("--input {}", input.display()));
     let merged = up(&setting, &setting.config(LIDARS));
     merged.assert_complete(0, 4);
+    let tracked = up(&setting, &format!("--track --input {}", input.display()));
+    let model = Model::read(&root().join("weights/any-open.safetensors")).expect("a model");
+    let table = model.manifest.thresholds.probabilities.expect("a table");
     for (number, (whole, merged)) in whole.lines.iter().zip(&merged.lines).enumerate() {
         let has_flag = merged["flags"].to_string().contains("\"degraded\"");
         assert_eq!(has_flag, number == 2, "{merged}");
@@ -57,6 +61,20 @@ fn halves_are_one_scan_and_a_sensor_that_is_missing_is_told() {
         let is_near = |a: &Value, b: &Value| {
             a["label"] == b["label"] && (0..3).all(|i| (axis(a, i) - axis(b, i)).abs() < 0.05)
         };
+        for object in &whole {
+            let [x_m, y_m, z_m] = [0, 1, 2].map(|i| axis(object, i));
+            let is_known = object["kind"] == "known";
+            assert!(!is_known || z_m < 0.5, "it stands on the ground: {object}");
+            let told = object["probability"].as_f64().expect("a number");
+            let score = object["score"].as_f64().expect("a number");
+            let expected = table.of(is_known, x_m.hypot(y_m) as f32, score as f32);
+            assert!((told - f64::from(expected.expect("a table"))).abs() < 0.003);
+        }
+        // What is not confirmed takes nobody's place.
+        let hidden = tracked.lines[number]["suppressed"].as_array();
+        let mut hidden = hidden.expect("objects").iter();
+        let gave_way = |o: &&Value| o["kind"] == "known" && o["reason"] == "overlaps_unknown";
+        assert!(hidden.all(|o| !gave_way(&o) || !o["by"].is_null()));
         let is_there = |object| merged.iter().any(|other| is_near(object, other));
         let is_same = whole.len() == merged.len() && whole.iter().all(is_there);
         assert_eq!(is_same, number != 2, "{whole:?} {merged:?}");

@@ -1,4 +1,4 @@
-//! `--track`: an unknown object waits for its third sighting and keeps its number; known objects do not wait.
+//! `--track`: an unknown object waits for its fifth sighting and keeps its number; known objects do not wait.
 
 use mluc_tests::{Setting, car_scan};
 use serde_json::Value;
@@ -15,7 +15,7 @@ fn tracks(objects: &[&Value]) -> BTreeSet<u64> {
 }
 
 #[test]
-fn unknown_objects_wait_for_their_third_sighting_and_known_ones_do_not() {
+fn unknown_objects_wait_for_their_fifth_sighting_and_known_ones_do_not() {
     // The same scan six times, from a sensor that stands still.
     let setting = Setting::new("track", 0);
     for number in 0..6 {
@@ -49,4 +49,10 @@ fn unknown_objects_wait_for_their_third_sighting_and_known_ones_do_not() {
         assert_eq!(known, of_kind(&without["objects"], "known"));
         assert!(known.iter().all(|object| object["track"].is_null()));
     }
+    // Without poses the sensor's motion is estimated.
+    std::fs::remove_file(setting.input.join("poses.txt")).unwrap();
+    let run = setting.run("--refiner-variant none --track");
+    let found = of_kind(&run.lines[5]["objects"], "unknown");
+    assert!(found.iter().all(|object| object["speed_mps"] == 0.0));
+    assert_eq!(found.len(), unknown);
 }

@@ -38,7 +38,7 @@ pub(crate) struct RunArgs {
     /// A folder of scans [default: the bundled simulated ones].
     #[arg(long)]
     pub(crate) input: Option<PathBuf>,
-    /// A built-in model or a model file [default: any-open].
+    /// A built-in model (any-open, any) or a model file [default: any-open].
     #[arg(long)]
     pub(crate) model: Option<String>,
     /// auto, f32, bf16 or int8 [default: auto].
@@ -75,13 +75,13 @@ pub(crate) struct BenchTable {
     /// How long to measure, s, after the warm-up [default: 20].
     #[arg(long)]
     pub(crate) seconds: Option<f64>,
-    /// Frames due in the first seconds count apart [default: 2].
+    /// Warm-up: frames that are due in the first SECONDS count in no figure [default: 2].
     #[arg(long = "warm-up", value_name = "SECONDS")]
     pub(crate) warm_up_seconds: Option<f64>,
     /// Starts of the processes over which the seconds are spread [default: 1; 4 when two things are compared].
     #[arg(long)]
     pub(crate) rounds: Option<u32>,
-    /// Seconds until a pipeline that gives no objects is given up [default: 60].
+    /// Longest wait for objects, s; after it the measurement fails [default: 60].
     #[arg(long = "patience", value_name = "SECONDS")]
     pub(crate) patience_seconds: Option<f64>,
 }

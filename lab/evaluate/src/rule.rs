@@ -118,7 +118,12 @@ pub struct RuleRequest {
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     pub unknown: Vec<String>,
     /// Overlap of the unknown class; the paper asks for 0.1.
-    #[arg(long = "unknown-iou", default_value_t = 0.1, value_name = "IOU")]
+    #[arg(
+        long = "unknown-iou",
+        default_value_t = 0.1,
+        value_name = "IOU",
+        requires = "unknown"
+    )]
     pub unknown_iou_min: f64,
     /// What may be found besides labels of these classes.
     #[arg(skip)]

@@ -11,7 +11,7 @@ use mluc_evaluate::{ObjectKind, SensorDetection, SweepPoint, best_index};
 use mluc_geometry::Box3;
 use mluc_head::Detection;
 use mluc_model::{Model, ScoreMin};
-use mluc_refiner::Settings;
+use mluc_refiner::{Settings, Variant};
 use mluc_simulate::{ExportOptions, Family, Split, export};
 use mluc_tests::untrained_udi;
 use std::path::PathBuf;
@@ -214,18 +214,24 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
 #[test]
 fn scores_of_profiles_keep_false_objects_below_their_limits() {
     let mut fixture = Fixture::new(12);
-    // Each frame gets one known object that is on no label: more than any profile allows.
+    // Each frame gets a known and an unknown object that are on no label: more than any profile allows.
     for frame in &mut fixture.frames {
-        let aside = Box3::new([0.0, 65.0, 0.0, 4.0, 1.6, 1.5, 0.0]);
-        frame.detections.push(detection(&aside, 0, 0.25, 3.0));
+        for (y_m, e) in [(65.0, 3.0), (-65.0, 1.1)] {
+            let aside = Box3::new([0.0, y_m, 0.0, 4.0, 1.6, 1.5, 0.0]);
+            frame.detections.push(detection(&aside, 0, 0.25, e));
+        }
     }
     let (model, set, path) = (&fixture.model, &fixture.set, &fixture.path);
-    let (rules, settings) = (fixture.judge(model).rules, Settings::default());
-    let chosen = choose_profiles(model, set, &fixture.frames, &rules, &settings).expect("scores");
+    let rules = fixture.judge(model).rules;
+    let mut gated = model.clone();
+    gated.manifest.thresholds.eds_normalised_max = 1.2;
+    // Without a refiner unknown objects are ranked by 1 / EDS.
+    let settings = Settings::of(Variant::None);
+    let chosen = choose_profiles(&gated, set, &fixture.frames, &rules, &settings).expect("scores");
     for (_, least) in chosen.profiles.named() {
         let expected = ScoreMin {
             known: 0.25f32.next_up(),
-            unknown: 0.0,
+            unknown: (1.0f32 / (48.0 * 1.1)).next_up(),
             both_readings: false,
         };
         assert_eq!(least, expected);

@@ -13,7 +13,7 @@ pub struct Options {
     #[arg(long, value_enum, hide_possible_values = true)]
     #[arg(conflicts_with = "dataset")]
     setting: Option<Setting>,
-    /// Networks of the kinds that naive, MLUC and mluc-full run on: their rows then have a spread over seeds.
+    /// Number of networks, each with its own seed, for the rows naive, MLUC and mluc-full. With two or more, ± is their standard deviation.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=20))]
     pub(crate) seeds: u64,
     /// A few small scans and a few steps: shows that everything works; the figures mean little.

@@ -40,17 +40,17 @@ pub struct ExportOptions {
     #[arg(long, value_parser = clap::value_parser!(u32).range(2..=100))]
     pub sequence: Option<u32>,
     /// The sensor of a sequence moves while it turns, too. Labels lie where objects are at the turn's end. Adds timed/, the same scans with a fifth column: the
-    /// point's time, s after that end, which timestamps.txt and poses.txt tell.
+    /// point's time, s after that end, which timestamps.txt and poses.txt give.
     #[arg(long, requires = "sequence")]
     pub moving: bool,
-    /// Put objects among the known ones that are made up of them, resized and joined, labelled Synthetic_unknown: what
-    /// `metric-open` and `mluc-full` learn the unknown from. For --split train alone.
+    /// Add synthetic unknown objects, which are known objects resized and joined; their label is Synthetic_unknown. From these
+    /// `metric-open` and `mluc-full` learn the unknown. Only for --split train.
     #[arg(long)]
     pub synthetic_unknown: bool,
     /// Show the unseen classes of the split in place of the family's unknown ones; judge with `evaluate model --unknown unseen`. Not for --split train.
     #[arg(long)]
     pub unseen: bool,
-    /// Classes that stand in every split, train too, beside the family's known ones: van, truck, golf_cart, forklift.
+    /// Classes that every split shows, train included, in addition to the family's known ones: van, truck, golf_cart, forklift.
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     pub known: Vec<Class>,
     /// Write part I (0 to N-1) of N alone, for job arrays: every Nth frame. The parts' folders, copied into one, are the whole data set, bit for bit.

@@ -60,10 +60,12 @@ pub fn mean_boxes(source: &ScanSource, classes: usize) -> Result<Vec<MeanBox>, T
     Ok(sums.into_iter().map(mean).collect())
 }
 
-/// Collects the objects of the first `frames` frames.
+/// Collects the objects of `frames` frames, spread over all.
 pub fn build(source: &ScanSource, classes: usize, frames: usize) -> Result<Database, TrainError> {
     let mut database = vec![vec![]; classes];
-    let frames: Vec<usize> = (0..frames.min(source.count())).collect();
+    let step = (source.count() / frames.max(1)).max(1);
+    let all = (0..source.count()).step_by(step);
+    let frames: Vec<usize> = all.take(frames).collect();
     for chunk in frames.chunks(CHUNK_FRAMES) {
         let cut = chunk.par_iter().map(|f| cut_out(source, *f));
         let cut: Result<Vec<_>, TrainError> = cut.collect();

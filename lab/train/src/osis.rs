@@ -32,6 +32,12 @@ pub fn train_osis(
     if network.head != HeadKind::Softmax {
         return Err(wrong(&format!("a {:?} head", network.head)));
     }
+    let (own, setting) = (&model.manifest.name, settings.setting.name());
+    if own != setting {
+        return Err(wrong(&format!(
+            "one of --setting {own} for --setting {setting}"
+        )));
+    }
     // One frame per step, regardless of --batch.
     let settings = &TrainSettings {
         batch: 1,

@@ -148,7 +148,9 @@ impl Run {
     fn score_clusters(&mut self, notify: Notify) -> Result<(), TrainError> {
         if self.settings.kind == NetworkKind::MlucFull {
             let model = Model::from_bytes(&self.model()?)?;
-            let set = FrameSet::open(&self.settings.data.join("train"), None, CLUSTER_FRAMES)?;
+            let set = FrameSet::open(&self.settings.data.join("train"), None, usize::MAX)?;
+            // From the whole folder: it may begin with scans without synthetic unknown objects.
+            let set = set.shard([0, (set.names().len() / CLUSTER_FRAMES).max(1) as u32]);
             notify(TrainEvent::Note("fitting the score of clusters".into()));
             self.cluster_scorer = fit_to_proposals(&model, &set, self.settings.seed, || ())?;
             if self.cluster_scorer.is_none() {

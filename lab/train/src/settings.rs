@@ -51,14 +51,14 @@ pub struct TrainSettings {
     /// Highest learning rate of the cycle.
     #[arg(long, default_value_t = 0.003, value_parser = learning_rate)]
     pub learning_rate: f64,
-    /// Multiply in bf16 but for the heads, with sums in f32: faster where the processor has bf16.
+    /// Multiply in bf16 except in the heads, with sums in f32: faster where the processor has bf16.
     #[arg(long)]
     pub bf16: bool,
     /// Frames of val/ that judge the model after every epoch and at the end; 0: none.
     #[arg(long, default_value_t = 400)]
     pub validate_frames: usize,
-    /// Classes of labels that the network does not know, beside KITTI's and the simulator's: their place teaches nothing. Any other class is
-    /// an error: misspelt, its objects would be left out without a word. Cars, pedestrians and cyclists that it does not know stand for the unknown.
+    /// Classes of labels that the network does not know, in addition to KITTI's and the simulator's; nothing is learned at their places. Any other class is
+    /// an error, because a misspelt class would be left out unnoticed. Cars, pedestrians and cyclists that it does not know are trained as unknown objects.
     #[arg(long = "ignore-classes", value_name = "CLASS,..")]
     #[arg(value_delimiter = ',')]
     pub ignored_classes: Vec<String>,

@@ -4,7 +4,7 @@ mod common;
 
 use common::{backbone, check_coverage, manifest, scan};
 use mluc_backbone::Precision;
-use mluc_model::{Manifest, formula_uniform};
+use mluc_model::{Manifest, VoxelInput, formula_uniform};
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
@@ -45,6 +45,10 @@ fn every_point_in_one_voxel_one_column_or_beyond_the_range() -> Fallible {
     ] {
         assert_eq!(check(&manifest(), &points)?, voxels, "{what}");
     }
+    let mut local = manifest();
+    (local.network.input, local.sensor_height_m) = (VoxelInput::Local, 0.5);
+    let missing = [[0.0; 4]; 1000];
+    assert_eq!(check(&local, &missing)?, 0, "missing returns");
     Ok(())
 }
 

@@ -262,7 +262,9 @@ pub(crate) fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectL
             .then_some(object.unknown_probability),
         points: object.points_count,
         track: (object.track_id != Object::NONE).then_some(object.track_id),
-        confirmed: news.map(|news| news.is_confirmed),
+        // A refiner may confirm a track without telling its age.
+        confirmed: (object.track_id != Object::NONE)
+            .then_some(object.flags & Object::CONFIRMED != 0),
         age_scans: news.map(|news| news.age_scans),
         speed_mps: news.and_then(|news| news.speed_mps),
         unrefined: object.flags & Object::UNREFINED != 0,

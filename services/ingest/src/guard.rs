@@ -149,7 +149,8 @@ impl Reason {
 /// What scans are compared with: the model's input and the given sensor.
 #[derive(Clone, Debug)]
 pub struct Expected {
-    takes: Takes,
+    /// The input that the model takes.
+    pub takes: Takes,
     grid: Grid,
     uses_intensity: bool,
     sensor: Option<SensorProfile>,
@@ -164,11 +165,6 @@ impl Expected {
             uses_intensity: manifest.uses_intensity,
             sensor,
         }
-    }
-
-    /// The input that the model takes.
-    pub fn takes(&self) -> &Takes {
-        &self.takes
     }
 
     /// The user's sensor, if given.
@@ -373,6 +369,8 @@ pub struct Guard {
     reasons: Vec<Reason>,
     last_scan: u64,
     equal_scans: u32,
+    /// Whether a scan of the run was in metres, with z up. Unit and axes do not change: what contradicts them later is the place, a bridge or a lift.
+    is_proven: bool,
 }
 
 impl Guard {
@@ -386,6 +384,7 @@ impl Guard {
             reasons: Vec::with_capacity(REASONS_MAX + 1),
             last_scan: 0,
             equal_scans: 0,
+            is_proven: false,
         }
     }
 
@@ -414,7 +413,19 @@ impl Guard {
         newest.clear();
         self.estimator.clear();
         self.estimator.look(points, not_finite);
-        self.expected.judge(self.estimator.estimate(), newest);
+        let found = self.estimator.estimate();
+        self.expected.judge(found, newest);
+        let doubts = |r: &Reason| matches!(r, Reason::Feet(..) | Reason::Axes(_) | Reason::Map(_));
+        let is_off = |r: &Reason| doubts(r) || matches!(r, Reason::Height(..));
+        self.is_proven |= found.height_m.is_some() && !newest.iter().any(is_off);
+        if self.is_proven {
+            let depth = newest.iter().find_map(|reason| match *reason {
+                Reason::Feet(found_m, takes_m) => Some(Reason::Height(found_m, takes_m)),
+                _ => None,
+            });
+            newest.retain(|reason| !doubts(reason));
+            newest.extend(depth);
+        }
         let is_first = self.scans == 0;
         self.reasons.clear();
         for (number, reason) in newest.iter().chain(before.iter().flatten()).enumerate() {
@@ -571,6 +582,7 @@ mod tests {
             ..SensorEstimate::default()
         };
         expected.sensor = Some(sensor.clone());
+        expected.takes.beams = [38, 103];
         let step_deg = sensor.azimuth_step_deg;
         let told = |found: &SensorEstimate, flag: Flags| {
             let mut reasons = vec![];
@@ -589,6 +601,10 @@ mod tests {
         assert_eq!(told(&wide, sensor), [step]);
         let aside = found(step_deg, -170.0);
         assert_eq!(told(&aside, sensor), [Reason::SensorField(169.0)]);
+        let beams = Reason::Beams(16, [38, 103]);
+        assert_eq!(told(&aside, Flags::SUSPECT_BEAMS), [beams]);
+        let blind = [Reason::IntensityMissing];
+        assert_eq!(told(&aside, Flags::SUSPECT_INTENSITY), blind);
     }
 
     #[test]
@@ -611,6 +627,22 @@ mod tests {
             let found = reasons.iter().map(Reason::to_string).collect::<String>();
             let fits = found.contains(words) && found.is_empty() == words.is_empty();
             assert!(fits, "{words}: {found}");
+        }
+    }
+
+    #[test]
+    fn a_bridge_is_no_other_unit() {
+        let (street, below) = (ground(1.5, 0.0), ground(5.0, 0.0));
+        for (is_first, is_unit) in [(true, true), (false, false)] {
+            let mut guard = Guard::new(expected(TAKES));
+            if !is_first {
+                guard.check(&street, &DecodeReport::default());
+            }
+            guard.check(&below, &DecodeReport::default());
+            let reasons = guard.check(&below, &DecodeReport::default());
+            let flag = reasons.iter().map(Reason::flag).next();
+            let expected = [Flags::SUSPECT_HEIGHT, Flags::SUSPECT_UNIT][usize::from(is_unit)];
+            assert_eq!(flag, Some(expected), "{reasons:?}");
         }
     }
 

@@ -23,18 +23,18 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Run the pipeline on scans; one JSON line a frame on stdout.
+    /// Run the pipeline on scans; writes one JSON line per frame to stdout.
     Up(PipelineArgs),
     /// Run the pipeline on your scans, or on bundled simulated ones: objects, latency table, a picture of one frame.
     Demo {
-        /// Where the picture goes.
+        /// File of the picture (PNG).
         #[arg(long, default_value = "mluc-demo.png")]
         picture: PathBuf,
         #[command(flatten)]
         pipeline: PipelineArgs,
     },
     /// Run the pipeline on a recording of `mluc record`, every scan of it, and compare its objects with the recorded ones; a JSON line on
-    /// stdout for each scan where they differ. Exit code 1: some do.
+    /// stdout for each scan where they differ. Exit code 1: objects differ, a frame was lost, or no frame could be compared.
     Replay {
         /// Begin at this stage, with what `mluc record --stages` wrote of the one before it: head, refiner [default: backbone, with the points].
         #[arg(long, value_name = "STAGE", value_parser = later_stage)]
@@ -54,7 +54,7 @@ pub(crate) enum Command {
     },
     /// Show the state of each stage of a running pipeline.
     Status {
-        /// Which pipeline [default: MLUC_INSTANCE, else default].
+        /// Name of the pipeline [default: MLUC_INSTANCE, else `default`].
         #[arg(long)]
         instance: Option<String>,
         /// One JSON object on stdout.
@@ -63,16 +63,16 @@ pub(crate) enum Command {
     },
     /// Show the state of a running pipeline once a second: rates, latency by stage, dropped frames, warnings.
     Top {
-        /// Which pipeline [default: MLUC_INSTANCE, else default].
+        /// Name of the pipeline [default: MLUC_INSTANCE, else `default`].
         #[arg(long)]
         instance: Option<String>,
-        /// One page, after a second of listening.
+        /// Print one page, after about 1.4 s, and end.
         #[arg(long)]
         once: bool,
     },
     /// Serve the state of a running pipeline over HTTP: /healthz, /readyz, /metrics (Prometheus), /status.json.
     Monitor {
-        /// Which pipeline; it may be started later [default: MLUC_INSTANCE, else default].
+        /// Name of the pipeline, which may be started later [default: MLUC_INSTANCE, else `default`].
         #[arg(long)]
         instance: Option<String>,
         /// 127.0.0.1:PORT or [::1]:PORT.
@@ -81,7 +81,7 @@ pub(crate) enum Command {
     },
     /// Have a running pipeline read its configuration file again: thresholds, operating profile and model.
     Reload {
-        /// Which pipeline [default: MLUC_INSTANCE, else default].
+        /// Name of the pipeline [default: MLUC_INSTANCE, else `default`].
         #[arg(long)]
         instance: Option<String>,
     },
@@ -124,7 +124,7 @@ pub(crate) enum Command {
 const OBJECTS: &str = "Objects";
 
 /// What `up`, `stage` and `config` share; everything may stand in the configuration file instead (docs/configuration.md).
-/// As a document it holds what was given, but for the three lists of words.
+/// Serialized, it holds the given options except --sensor, --config, --refiner-variant, --without and --threads.
 #[derive(Args, Clone, Debug, Default, Serialize)]
 pub(crate) struct PipelineArgs {
     /// A folder of scans (or of `velodyne/`) or one scan (.bin, .pcd.bin, .npy, .pcd, .ply, .las), a capture (.pcap, .pcapng), a recording
@@ -133,7 +133,7 @@ pub(crate) struct PipelineArgs {
     pub(crate) input: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) layout: LayoutArgs,
-    /// A built-in model or a model file [default: any-open].
+    /// A built-in model (any-open, any) or a model file [default: any-open].
     #[arg(long)]
     pub(crate) model: Option<String>,
     /// The sensor: a product (vlp-16, for instance) or a TOML file like those of sensors/. Scans that contradict it are flagged.
@@ -154,7 +154,7 @@ pub(crate) struct PipelineArgs {
     /// End this many seconds after all stages are ready, by the clock.
     #[arg(long, help_heading = INPUT)]
     pub(crate) seconds: Option<f64>,
-    /// Name of this pipeline: two with different names run side by side [default: MLUC_INSTANCE, else default; `demo`, `replay`: a name of their own].
+    /// Name of this pipeline: pipelines with different names can run at the same time [default: MLUC_INSTANCE, else `default`; `demo`, `replay`: a name of their own].
     #[arg(long)]
     pub(crate) instance: Option<String>,
     /// Configuration file (TOML).
@@ -179,11 +179,12 @@ pub(crate) struct PipelineArgs {
     /// Unknown objects below this score are not published [default: the profile's].
     #[arg(long, help_heading = OBJECTS)]
     pub(crate) min_unknown_score: Option<f64>,
-    /// How the refiner clusters.
+    /// How the points of an unknown object are found; none: it keeps the box of the proposal [default: range-scaled].
     #[arg(long, value_parser = Variant::ALL.map(Variant::name), help_heading = OBJECTS)]
     #[serde(skip)]
     pub(crate) refiner_variant: Option<String>,
-    /// Follow unknown objects over frames: each gets a number and is published once its track is likely enough. Known objects are never delayed.
+    /// Track unknown objects over frames: one is published when enough of the last frames show it and its track is likely enough ([track]); its score no
+    /// longer decides. Known objects are never delayed.
     #[arg(long, help_heading = OBJECTS)]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(crate) track: bool,
@@ -194,7 +195,7 @@ pub(crate) struct PipelineArgs {
     /// Frames that leave later than this, ms after their scan, are flagged `late` [default: 200 at pace sensor].
     #[arg(long)]
     pub(crate) budget_ms: Option<u64>,
-    /// A line on stdout too when the pipeline's state changes: running, degraded, blind, late, starting, stopped.
+    /// Also write a line to stdout when the pipeline's state, its reason, blind_deg or ground_lost changes.
     #[arg(long)]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(crate) status_lines: bool,
@@ -202,7 +203,7 @@ pub(crate) struct PipelineArgs {
     #[arg(long)]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(crate) verify_mapping: bool,
-    /// Leave a stage to you: start `mluc stage STAGE`, or a program of your own, and replace it while the others run.
+    /// Do not start this stage: you start it (`mluc stage STAGE`, or your own program), and may replace it while the others run.
     #[arg(long, value_name = "STAGE", value_parser = Stage::ALL.map(Stage::name))]
     #[serde(skip)]
     pub(crate) without: Vec<String>,
@@ -230,7 +231,7 @@ fn stage_threads(word: &str) -> Result<(Stage, u16), String> {
 /// The command line of one stage's process.
 #[derive(Args, Clone, Debug)]
 pub struct StageArgs {
-    /// Which one.
+    /// The stage.
     #[arg(value_parser = Stage::ALL.map(Stage::name))]
     pub(crate) name: String,
     #[command(flatten)]
@@ -252,12 +253,12 @@ pub struct DoctorArgs {
     /// The model to check.
     #[arg(long, default_value = DEFAULT_MODEL)]
     pub(crate) model: String,
-    /// Look at these scans too: what sensor they are of, and whether the model takes them.
+    /// Also check these scans: which sensor they come from, and whether the model takes them.
     #[arg(long)]
     pub(crate) input: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) layout: LayoutArgs,
-    /// The sensor that they should be of: a product or a TOML file.
+    /// The sensor that the scans of --input should come from: a product or a TOML file. No effect without --input.
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) sensor: Option<String>,
 }

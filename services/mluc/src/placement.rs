@@ -38,7 +38,7 @@ impl StageSettings {
             Ok(_) => "not permitted: run as root, or allow it with `ulimit -r` or the capability CAP_SYS_NICE".to_string(),
             Err(error) => format!("chrt (package util-linux): {error}"),
         };
-        let what = format!("real-time priority {priority} is not to be had");
+        let what = format!("real-time priority {priority} is not available");
         Err(UsageError(format!("priority of {stage}: {what}: {cause}")))
     }
 

@@ -266,6 +266,8 @@ mod tests {
         expected.stages.refiner.command = Some(vec!["python3".into(), "refiner.py".into()]);
         expected.stages.refiner.directory = Some(folder.path().join(""));
         expected.refiner.points_min = 9;
+        expected.robot.height_min_m = 0.2;
+        expected.refiner.robot = expected.robot;
         assert_eq!(settings, expected);
         let path = folder.path().join("mluc.toml");
         let from_file = format!("file {}", path.display());
@@ -295,7 +297,9 @@ mod tests {
         assert_eq!(again.settings.refiner.score_min.unknown, 0.25);
 
         let mut plain = resolved(&[]);
-        plain.load_model().unwrap();
+        let thresholds = plain.load_model().unwrap().manifest.thresholds;
+        let balanced = thresholds.profiles.unwrap().balanced;
+        assert_eq!(plain.settings.refiner.score_min, balanced);
         let plain = plain.print().unwrap();
         for (text, key, origin) in [
             (&text, "lambda = 1.25", "# flag"),

@@ -175,6 +175,11 @@ mod tests {
         assert_eq!(found, [goes(1), STAYS, STAYS]);
         let found = dispositions(&proposals, Variant::Paper);
         assert_eq!(found, [STAYS, goes(0), STAYS]);
+        // What is suppressed suppresses nothing.
+        let chain = [(0, 0.0, 0.9), (1, 1.5, 0.5), (2, 3.0, 0.3)];
+        let chain = chain.map(|(i, x, score)| proposal(i, Candidate, x, 4.0, score));
+        let found = dispositions(&chain, Variant::RangeScaled);
+        assert_eq!(found, [STAYS, goes(0), STAYS]);
     }
 
     #[test]

@@ -112,6 +112,8 @@ pub struct Tracker {
     last: Option<[u64; 4]>,
     /// The last step of the stamps, ns.
     step_ns: u64,
+    /// The shorter of the last two steps.
+    period_ns: u64,
 }
 
 impl Tracker {
@@ -126,6 +128,7 @@ impl Tracker {
             frame: 0,
             last: None,
             step_ns: 0,
+            period_ns: 0,
         })
     }
 
@@ -187,6 +190,7 @@ impl Tracker {
         let last = self.last.replace(now);
         let step_ns = last.map_or(0, |last| stamp_ns.abs_diff(last[3]));
         let was_silent = step_ns > SILENCE_MAX_NS.max(4 * self.step_ns);
+        self.period_ns = self.step_ns.min(step_ns);
         self.step_ns = step_ns.min(u64::MAX / 4);
         if was_silent || last.is_some_and(|last| now[..2] != last[..2] || sequence < last[2]) {
             self.tracks.clear();
@@ -219,6 +223,11 @@ impl Tracker {
             // After lost frames the object may be farther away.
             let frames = sighting.sequence - self.tracks[*index].seen[0].sequence;
             let lost = frames - (sighting.frame - self.tracks[*index].seen[0].frame);
+            // What is lost before ingest has no number.
+            let passed_ns =
+                (sighting.stamp_ns).saturating_sub(self.tracks[*index].seen[0].stamp_ns);
+            let periods = passed_ns.checked_div(self.period_ns).unwrap_or(0);
+            let lost = lost.max(periods.saturating_sub(frames));
             *m <= self.settings.distance_max_m * (1 + lost.min(LOST_MAX)) as f64
         });
         let nearest = near.min_by(|a, b| a.1.total_cmp(&b.1));
@@ -336,10 +345,14 @@ impl Track {
         let counted = &best[..hits.min(self.count)];
         let log_odds = counted.iter().sum::<f64>() / counted.len() as f64 + motion;
         self.probability = 1.0 / (1.0 + (-log_odds).exp());
+        // The clock may have been set back.
+        let is_steady = seen
+            .windows(2)
+            .all(|pair| pair[0].stamp_ns > pair[1].stamp_ns);
         let seconds = newest.stamp_ns.saturating_sub(oldest.stamp_ns) as f64 * 1e-9;
         self.news = TrackNews {
             age_scans: age.min(u64::from(u32::MAX)) as u32,
-            speed_mps: (has_pose && seconds > 0.0).then(|| (moved_m / seconds) as f32),
+            speed_mps: (has_pose && is_steady && seconds > 0.0).then(|| (moved_m / seconds) as f32),
             is_confirmed: self.news.is_confirmed
                 || self.count >= hits && self.probability >= settings.probability_min,
         };

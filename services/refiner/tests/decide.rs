@@ -55,6 +55,9 @@ fn refined(mut refiner: Refiner, detections: &[Detection]) -> RefinerOutput {
     let points = scan(&boxes());
     let (mut once, mut again) = (RefinerOutput::default(), RefinerOutput::default());
     refiner.refine(7, &points, detections, &mut once);
+    // A frame in which every point is a known object's leaves nothing behind.
+    let all = known(&standing(0.0, 0.0, [80.0, 80.0, 8.0], 0.0), 0, 0.9);
+    refiner.refine(8, &points, &[all], &mut again);
     refiner.refine(7, &points, detections, &mut again);
     assert_eq!(once.objects, again.objects);
     assert_sound(&points, detections, &once);
@@ -129,18 +132,21 @@ fn each_can_be_had_alone_and_neither_in_the_papers_variants() {
 
 #[test]
 fn the_robots_owner_decides_what_it_drives_over() {
-    let settings = Settings {
-        robot: RobotSettings {
-            height_min_m: 1.2,
-            width_min_m: 0.3,
-        },
-        ..Settings::default()
-    };
-    let out = run(settings, &sensor(), None);
-    let found = out.objects.iter().map(|o| is(o, Disposition::Undersized));
-    assert!(found.eq([false, true, true, false, false]));
-    let published = out.objects.iter().filter(|o| o.is_published());
-    assert_eq!(published.count(), 3);
+    // The low cart is seen up to 1 m, and its top may be a gap between two beams higher.
+    for (height_min_m, low_cart) in [(1.2, true), (1.05, false)] {
+        let settings = Settings {
+            robot: RobotSettings {
+                height_min_m,
+                width_min_m: 0.3,
+            },
+            ..Settings::default()
+        };
+        let out = run(settings, &sensor(), None);
+        let found = out.objects.iter().map(|o| is(o, Disposition::Undersized));
+        assert!(found.eq([false, low_cart, true, false, false]));
+        let published = out.objects.iter().filter(|o| o.is_published());
+        assert_eq!(published.count(), 4 - usize::from(low_cart));
+    }
 }
 
 #[test]
@@ -209,16 +215,19 @@ fn what_is_below_the_profiles_scores_is_not_published() {
 fn a_doubted_known_object_suppresses_nothing_and_gives_way() {
     use Disposition::{LowScore, OverlapsKnown, OverlapsUnknown, Published};
     let own = candidates()[0];
-    for (p, unknown, expected) in [
-        (0.1, 0.1, [Published, OverlapsKnown]),
-        (0.4, 0.1, [OverlapsUnknown, Published]),
-        (0.4, 0.9, [Published, LowScore]),
-        (0.4, 0.0, [Published, Published]),
+    for (p, least_known, unknown, expected) in [
+        (0.1, 0.0, 0.1, [Published, OverlapsKnown]),
+        // What the profile withholds suppresses nothing.
+        (0.1, 0.9, 0.1, [LowScore, Published]),
+        (0.4, 0.0, 0.1, [OverlapsUnknown, Published]),
+        (0.4, 0.0, 0.9, [Published, LowScore]),
+        (0.4, 0.0, 0.0, [Published, Published]),
     ] {
         let mut doubted = known(&boxes()[0], 0, 0.8);
         doubted.unknown_probability = p;
         let mut refiner = Refiner::new(Settings::default(), &open()).expect("settings");
         refiner.set_score_min(ScoreMin {
+            known: least_known,
             unknown,
             ..ScoreMin::default()
         });
@@ -262,9 +271,14 @@ fn a_doubted_box_is_published_once_or_as_all_that_it_may_be() {
     assert!(is(&cart, Disposition::OverlapsUnknown) && cart.suppressed_by == 0);
     assert!(low_cart.is_published() && low_cart.size_m == detections[1].size_m);
     assert!(is(&hut, Disposition::LowScore));
-    // An object that a track does not confirm is known again. An object that a known object covers is neither known nor unknown.
+    // An object that a track does not confirm, or without a cluster, is known again; so is one in a better one with a low score (the hut).
+    // An object that a known object covers is neither known nor unknown.
+    out.objects[0].suppressed_by = 3;
+    assert!(is(&out.objects[3], Disposition::LowScore));
     for (reason, expected) in [
         (Disposition::Unconfirmed, Disposition::Published),
+        (Disposition::TooFewPoints, Disposition::Published),
+        (Disposition::OverlapsUnknown, Disposition::Published),
         (Disposition::OverlapsKnown, Disposition::OverlapsKnown),
     ] {
         out.objects[0].disposition = reason as u32;

@@ -112,6 +112,11 @@ fn what_nobody_refined_goes_on_in_a_confirmed_track_and_confirms_none() {
     assert_eq!(found, [false, true, true, true, true, true]);
     let found = [7, 8, 9, 10].map(|frame| see(frame, 28.0, false));
     assert_eq!(found, [false; 4]);
+    // A low score without a probability is no evidence either.
+    let mut weak = object(ObjectKind::Unknown, 48.0, 1.0, 0.1);
+    weak.disposition = Disposition::LowScore as u32;
+    let mut see = |frame| update(&mut tracker, frame, &ego, &[weak])[0].is_published();
+    assert!(!(11..20).any(&mut see));
 }
 
 #[test]

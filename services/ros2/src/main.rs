@@ -15,7 +15,7 @@ const LOG: &str = "info,rustdds=off";
 
 /// Scans from a ROS 2 topic, objects to ROS 2 topics.
 #[derive(Parser)]
-#[command(name = "mluc", version)]
+#[command(name = "mluc", bin_name = "mluc", version)]
 enum Command {
     /// Run the stage ingest, as `mluc stage ingest` does (`mluc up --input ros2:/TOPIC` starts it).
     Stage(Box<StageArgs>),
@@ -23,7 +23,7 @@ enum Command {
     Doctor(DoctorArgs),
     /// Publish points, objects and states of a running pipeline until Ctrl-C. ROS_DOMAIN_ID is obeyed.
     Publish {
-        /// Which pipeline; it may be started later [default: MLUC_INSTANCE, else default].
+        /// Name of the pipeline, which may be started later [default: MLUC_INSTANCE, else `default`].
         #[arg(long, value_parser = Instance::new)]
         instance: Option<Instance>,
     },

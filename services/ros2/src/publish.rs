@@ -4,18 +4,17 @@ use crate::dds::{Encoded, Patience, anew, join, keep, topic};
 use anyhow::Context;
 use bytes::Bytes;
 use mluc_gateway::ros2::topics;
-use mluc_runtime::Instance;
+use mluc_runtime::{Instance, wall_clock_ns};
 use mluc_view::Follower;
 use rustdds::{DataWriterStatus, DomainParticipant, DomainParticipantStatusEvent as Event};
 use rustdds::{Duration, LostReason, QosPolicyBuilder, StatusEvented, no_key::DataWriter};
-use std::time::Instant;
 
 /// Number of sent clouds and of other sent messages that are kept. Clouds: at least `BEHIND_MAX`, or a new one replaces the one being sent.
 const DEPTH: [i32; 2] = [10, 5];
 /// Number of clouds and of other messages that may wait for subscribers (1 s and 100 s at 10 Hz); more are dropped. A lost subscriber counts for 20 s.
 const BEHIND_MAX: [i32; 2] = [10, 1000];
 /// After a pause of this length, other participants consider this process gone (leases of 10 s, renewed every 8 s).
-const STILL: std::time::Duration = std::time::Duration::from_secs(8);
+const STILL_NS: u64 = 8_000_000_000;
 
 struct Writers {
     /// One writer per topic, with its number of subscribers.
@@ -80,13 +79,15 @@ pub(crate) fn publish(instance: Option<Instance>) -> anyhow::Result<()> {
     let instance = follower.shell.instance().name().to_owned();
     let (first, mut patience) = (Writers::join(&instance)?, Patience::default());
     let domain = first.participant.domain_id();
-    let (mut topics, mut asked) = (Some(first), Instant::now());
+    let (mut topics, mut asked_ns) = (Some(first), wall_clock_ns());
     tracing::info!(domain, "publishing; Ctrl-C ends it");
     let mut dropped = 0;
     while let Some(moment) = follower.next(|| true)? {
         let have_lost = topics.as_ref().is_some_and(Writers::have_lost);
         let are_heard = topics.as_mut().is_some_and(Writers::are_heard);
-        let was_still = std::mem::replace(&mut asked, Instant::now()).elapsed() > STILL;
+        // A suspended machine counts no monotonic time.
+        let now_ns = wall_clock_ns();
+        let was_still = now_ns.abs_diff(std::mem::replace(&mut asked_ns, now_ns)) > STILL_NS;
         if patience.is_over(are_heard) || have_lost || was_still {
             // Drop the old participant first, to free its ports: others may know this process only by its ports.
             drop(topics.take());

@@ -197,9 +197,10 @@ impl Shell {
     pub fn await_run(&mut self, timeout: Duration) -> Result<bool> {
         let begun_ns = monotonic_ns();
         while self.run().is_none() {
+            self.tick()?;
             let now_ns = monotonic_ns();
             if self.is_stopping() || Duration::from_nanos(now_ns - begun_ns) > timeout {
-                return Ok(false);
+                return Ok(self.run().is_some());
             }
             // Counted across calls, because one call may be shorter than the silence.
             let (since_ns, is_said) = self.silence.get_or_insert((begun_ns, false));
@@ -212,7 +213,6 @@ impl Shell {
                 tracing::info!("{reason}");
                 self.state(HealthState::WaitingInput, &reason)?;
             }
-            self.tick()?;
             if self.run().is_some() {
                 self.silence = None;
             }

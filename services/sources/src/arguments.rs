@@ -12,7 +12,8 @@ pub const INPUT: &str = "Input";
 #[derive(Args, Clone, Debug, Default, Serialize)]
 #[command(next_help_heading = INPUT)]
 pub struct LayoutArgs {
-    /// Columns of a .bin or .npy file, `x,y,z,intensity,ring` for instance; others than x, y, z and intensity are left out [default: these four].
+    /// Columns of a .bin or .npy file in their order, `x,y,z,intensity,ring` for instance. Only x, y, z, intensity and, with --deskew, the time are read
+    /// [default: x,y,z,intensity; .pcd.bin and .npy also ring, .npy also time].
     #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     columns: Vec<String>,
@@ -35,15 +36,15 @@ pub struct LayoutArgs {
     /// Topic of the scans in a recording [default: the only one that has some].
     #[arg(long)]
     topic: Option<String>,
-    /// Correct points for the sensor's motion within a turn, by their times: to where they are at the scan's stamp. Poses come from poses.txt beside the scans, from
-    /// a recording's odometry or transforms, or from ROS 2.
+    /// Correct the points for the sensor's motion within a turn: each is moved to its position at the scan's stamp. The poses come from poses.txt and
+    /// timestamps.txt next to the scans, from a recording's odometry or transforms, or from ROS 2. Other inputs are refused.
     #[arg(long)]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     deskew: bool,
-    /// Topic of these poses [default: a recording's /tf or only one, /odom of ROS 2].
+    /// With --deskew: topic of the poses [default: in a recording /tf, else its only topic of poses; from ROS 2 /odom].
     #[arg(long)]
     odometry: Option<String>,
-    /// Part I (0 to N-1) of N alone, for job arrays: every Nth scan of files or a recording.
+    /// Read only part I (0 to N-1) of N, for job arrays: every Nth scan of files, a capture or a recording.
     #[arg(long, value_name = "I/N", value_parser = shard)]
     shard: Option<[u32; 2]>,
 }

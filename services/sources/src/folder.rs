@@ -304,10 +304,10 @@ fn stamps(folder: &Path, scans: usize) -> Option<Vec<u64>> {
     match stamps {
         Some(stamps) if stamps.len() == scans && stamps.is_sorted() => return Some(stamps),
         Some(stamps) => {
-            tracing::warn!(%path, lines = stamps.len(), scans, "stamps are not one a scan in ascending order: not used");
+            tracing::warn!(%path, lines = stamps.len(), scans, "timestamps.txt: expected one line per scan, in ascending order; the stamps are not used");
         }
         None => {
-            tracing::warn!(%path, "stamps are not of the form 2011-09-26 13:02:25.964389445: not used");
+            tracing::warn!(%path, "timestamps.txt: expected lines such as 2011-09-26 13:02:25.964389445; the stamps are not used");
         }
     }
     None

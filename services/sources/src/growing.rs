@@ -116,7 +116,12 @@ impl LiveScans for Growing {
     }
 
     fn silence(&self) -> Option<String> {
-        let words = || format!("no new scan in {}", self.path.display());
+        let words = || {
+            format!(
+                "no new scan in {} (only names that sort after the last one count)",
+                self.path.display()
+            )
+        };
         (self.heard.elapsed() >= SILENCE).then(words)
     }
 

@@ -161,7 +161,9 @@ impl Source {
     fn of(kind: Kind, repeat: bool, layout: &Layout) -> anyhow::Result<Source> {
         if layout.mirrors() && !matches!(kind, Kind::Merged(_)) {
             let axes = &layout.axes;
-            tracing::warn!("axes {axes} mirror the scan: right for left-handed coordinates only");
+            tracing::warn!(
+                "axes {axes} mirror the scan: correct only if the file's coordinates are left-handed"
+            );
         }
         let shard = layout.shard;
         let is_whole = repeat || matches!(kind, Kind::Live(_) | Kind::Merged(_));

@@ -2,7 +2,7 @@
 
 use crate::packets::{Calibration, Detector};
 use crate::{LiveScans, Next, Scan, SourceError};
-use crate::{capture::CLOCK, capture::calibration, files::Layout, udp::Receiver};
+use crate::{capture::CLOCK, capture::calibration, files::Layout, udp::Receiver, udp::now_ns};
 use anyhow::{Context, bail};
 use crossbeam_channel::{Receiver as Turns, RecvTimeoutError, Sender, TrySendError, bounded};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -20,7 +20,7 @@ const NO_TURN: Duration = Duration::from_secs(3);
 /// Shortest time between two log lines about missing packets.
 const TELL: Duration = Duration::from_secs(10);
 /// Number of datagrams that are checked for a known sensor: some seconds of any sensor's data.
-const LOOKS_MAX: u32 = 20_000;
+pub(crate) const LOOKS_MAX: u32 = 20_000;
 /// How long a wait for the next turn takes at most: ingest must report to the pipeline in between.
 pub(crate) const PATIENCE: Duration = Duration::from_millis(20);
 /// Prefix of an input that is an address.
@@ -59,8 +59,8 @@ pub(crate) struct Live {
 impl Live {
     pub(crate) fn open(address: SocketAddr, layout: &Layout) -> anyhow::Result<Live> {
         let receiver = Receiver::open(address, SILENCE)?;
-        let bytes = receiver.buffer_bytes();
-        let address = receiver.address();
+        let bytes = receiver.buffer_bytes;
+        let address = receiver.address;
         tracing::info!(%address, buffer_bytes = bytes, "listening");
         let (send, turns) = bounded(1);
         let shared = Arc::new(Shared::default());
@@ -140,7 +140,7 @@ impl Listener {
         let mut detector = Detector::new(calibration.as_ref());
         let (mut decoder, mut looks) = (None, 0);
         let (mut heard, mut told) = (Instant::now(), (Instant::now(), 0));
-        let mut turned = Instant::now();
+        let (mut turned, mut heard_ns) = (Instant::now(), now_ns());
         while !self.shared.is_ending.load(Relaxed) {
             let datagram = self.receiver.receive()?;
             let silent_ms = heard.elapsed().as_millis() as u64;
@@ -149,6 +149,8 @@ impl Listener {
                 self.shared.foreign_bytes.store(0, Relaxed);
                 continue;
             };
+            // By the arrivals: this program may have been stopped meanwhile.
+            let silent_ms = datagram.stamp_ns.saturating_sub(heard_ns) / 1_000_000;
             // The sensor may have returned with another address.
             if silent_ms > FORGET_MS {
                 decoder = None;
@@ -177,12 +179,13 @@ impl Listener {
                 let mut scan = Scan::default();
                 scan.take(whole, 0, &self.layout);
                 scan.name.clear();
-                scan.arrived = Some(Instant::now());
+                let waited_ns = now_ns().saturating_sub(datagram.stamp_ns);
+                scan.arrived = Instant::now().checked_sub(Duration::from_nanos(waited_ns));
                 turn.get_or_insert(scan);
             });
             let counts = decoder.counts();
             if counts.packets > before {
-                (heard, looks) = (Instant::now(), 0);
+                (heard, heard_ns, looks) = (Instant::now(), datagram.stamp_ns, 0);
             }
             // What came before a pause is too old.
             if let Some(scan) = turn.filter(|_| silent_ms <= PAUSE_MS) {
@@ -192,7 +195,7 @@ impl Listener {
                 turned = Instant::now();
                 tracing::warn!("packets come, but no turn has ended for {NO_TURN:?}: {CLOCK}");
             }
-            let dropped = self.receiver.dropped();
+            let dropped = self.receiver.dropped;
             let missing = counts.lost + counts.damaged + u64::from(dropped);
             // Another decoder counts from 0.
             told.1 = told.1.min(missing);

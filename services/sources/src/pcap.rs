@@ -1,7 +1,7 @@
 //! UDP datagrams of a capture file, pcap or pcapng: Ethernet with VLANs, Linux cooked, loopback or raw IP; fragments are reassembled.
 
 use crate::packets::{Calibration, Datagram, Decoder, Detector};
-use crate::{SourceError, refused};
+use crate::{SourceError, live::LOOKS_MAX, refused};
 use etherparse::{NetSlice, SlicedPacket, TransportSlice, UdpSlice, defrag::IpDefragPool};
 use pcap_parser::{Linktype, PcapBlockOwned, PcapError, create_reader, traits::PcapReaderIterator};
 use std::path::{Path, PathBuf};
@@ -15,8 +15,6 @@ const BLOCK_BYTES_MAX: usize = 64 << 20;
 const FRAGMENTS_MAX: u64 = 1024;
 /// Number of interfaces of a pcapng file that are kept.
 const INTERFACES_MAX: usize = 64;
-/// Number of datagrams that are checked for a known sensor: some seconds of any sensor's data.
-const DETECT_MAX: u32 = 20_000;
 
 /// Stamp, link and bytes of a frame.
 type Frame<'a> = (u64, Linktype, &'a [u8]);
@@ -88,7 +86,7 @@ impl Capture {
     /// The decoder for the first sensor in the capture. Open the capture again to decode it from its start.
     pub fn detect(mut self, calibration: Option<&Calibration>) -> Result<Decoder, SourceError> {
         let (mut detector, mut other) = (Detector::new(calibration), None);
-        for _ in 0..DETECT_MAX {
+        for _ in 0..LOOKS_MAX {
             let Some(datagram) = self.next_datagram()? else {
                 break;
             };

@@ -21,11 +21,14 @@ const DATAGRAM_BYTES_MAX: usize = 65_535;
 /// A socket that listens to a sensor.
 pub struct Receiver {
     socket: UdpSocket,
-    address: SocketAddr,
+    /// The address at which the socket listens.
+    pub address: SocketAddr,
     payload: Vec<u8>,
     control: Vec<u8>,
-    buffer_bytes: usize,
-    dropped: u32,
+    /// Buffer size that the system granted of 16 MiB. Less than a tenth of a second of the sensor's data is too little: raise `net.core.rmem_max`.
+    pub buffer_bytes: usize,
+    /// Datagrams that the kernel dropped because the buffer was full, as of the last datagram that came.
+    pub dropped: u32,
 }
 
 impl Receiver {
@@ -43,21 +46,6 @@ impl Receiver {
             buffer_bytes,
             dropped: 0,
         })
-    }
-
-    /// The address at which the socket listens.
-    pub fn address(&self) -> SocketAddr {
-        self.address
-    }
-
-    /// Buffer size that the system granted of 16 MiB. Less than a tenth of a second of the sensor's data is too little: raise `net.core.rmem_max`.
-    pub fn buffer_bytes(&self) -> usize {
-        self.buffer_bytes
-    }
-
-    /// Datagrams that the kernel dropped because the buffer was full, as of the last datagram that came.
-    pub fn dropped(&self) -> u32 {
-        self.dropped
     }
 
     /// The next datagram; `None`: none came within `silence`.
@@ -148,7 +136,7 @@ fn socket_address(address: &SockaddrStorage) -> Option<SocketAddr> {
     v4.or_else(|| address.as_sockaddr_in6().map(|v6| SocketAddr::from(*v6)))
 }
 
-fn now_ns() -> u64 {
+pub(crate) fn now_ns() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.unwrap_or_default().as_nanos() as u64
 }
@@ -165,8 +153,8 @@ mod tests {
         let mut receiver = Receiver::open(local, Duration::from_millis(20)).unwrap();
         let sender = UdpSocket::bind(local).unwrap();
         let before_ns = now_ns();
-        sender.send_to(b"points", receiver.address()).unwrap();
-        let port = receiver.address().port();
+        sender.send_to(b"points", receiver.address).unwrap();
+        let port = receiver.address.port();
         let datagram = receiver.receive().unwrap().expect("a datagram");
         assert_eq!((datagram.payload, datagram.to_port), (&b"points"[..], port));
         assert_eq!(datagram.from, sender.local_addr().unwrap());
@@ -180,18 +168,18 @@ mod tests {
         let local = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
         let mut receiver = Receiver::open(local, Duration::from_millis(20)).unwrap();
         let sender = UdpSocket::bind(local).unwrap();
-        let sent = receiver.buffer_bytes() / 1206 * 4;
+        let sent = receiver.buffer_bytes / 1206 * 4;
         for _ in 0..sent {
-            sender.send_to(&[0; 1206], receiver.address()).unwrap();
+            sender.send_to(&[0; 1206], receiver.address).unwrap();
         }
         let mut received = 0;
         while receiver.receive().unwrap().is_some() {
             received += 1;
         }
         // The count comes with the next datagram that fits.
-        sender.send_to(&[0; 1206], receiver.address()).unwrap();
+        sender.send_to(&[0; 1206], receiver.address).unwrap();
         assert!(receiver.receive().unwrap().is_some());
         assert!(received < sent, "{received} of {sent} fit");
-        assert_eq!(received + receiver.dropped() as usize, sent);
+        assert_eq!(received + receiver.dropped as usize, sent);
     }
 }

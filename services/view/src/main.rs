@@ -12,11 +12,11 @@ use std::{path::PathBuf, process::ExitCode};
 
 /// Look at a running pipeline, or record it.
 #[derive(Parser)]
-#[command(name = "mluc", version)]
+#[command(name = "mluc", bin_name = "mluc", version)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Which pipeline; it may be started later [default: MLUC_INSTANCE, else default].
+    /// Name of the pipeline, which may be started later [default: MLUC_INSTANCE, else `default`].
     #[arg(long, global = true, value_parser = Instance::new)]
     instance: Option<Instance>,
 }
@@ -34,7 +34,7 @@ enum Command {
         /// A file that does not exist yet; `mluc up` and `replay` read it where its name ends in .mcap.
         #[arg(long)]
         out: PathBuf,
-        /// The features and detections of each frame too, so that `mluc replay --from` can begin behind a stage: some MB a frame.
+        /// Also record the features and detections of each frame, so that `mluc replay --from` can begin at a later stage: with any-open up to 15 MB per frame.
         #[arg(long)]
         stages: bool,
     },

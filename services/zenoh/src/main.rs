@@ -23,10 +23,10 @@ const REACHED_WITHIN: Duration = Duration::from_secs(5);
 
 /// Publish objects and states of a running pipeline over zenoh, until Ctrl-C.
 #[derive(Parser)]
-#[command(name = "mluc zenoh", version)]
+#[command(name = "mluc zenoh", bin_name = "mluc zenoh", version)]
 #[command(group = ArgGroup::new("link").required(true).multiple(true).args(["connect", "listen", "config"]))]
 struct Cli {
-    /// Which pipeline; it may be started later [default: MLUC_INSTANCE, else default].
+    /// Name of the pipeline, which may be started later [default: MLUC_INSTANCE, else `default`].
     #[arg(long, value_parser = Instance::new)]
     instance: Option<Instance>,
     /// What the keys begin with [default: mluc/INSTANCE].
@@ -38,7 +38,7 @@ struct Cli {
     /// Where peers may connect, tcp/127.0.0.1:7447 [default: nowhere].
     #[arg(long, value_name = "LOCATOR")]
     listen: Vec<String>,
-    /// Configuration of zenoh itself (JSON5): access control, multicast. --connect and --listen come on top.
+    /// Configuration file of zenoh itself (JSON5): access control, multicast. --connect and --listen replace its endpoints.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Publish the clouds too: 16 bytes a point and 4 for its object, 2.4 MB a scan of 120,000.
@@ -111,7 +111,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
             let mut reached = info.peers_zid().wait().chain(info.routers_zid().wait());
             if reached.next().is_none() {
                 tracing::warn!(
-                    "connected to nobody yet: with --connect, is somebody there, and is the locator right?"
+                    "no router and no peer is connected yet: with --connect, check the locator and whether something listens there"
                 );
             }
             is_alone = false;

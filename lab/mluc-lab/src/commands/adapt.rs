@@ -27,7 +27,7 @@ const ANY_OPEN: &[u8] = include_bytes!("../../../../weights/any-open.safetensors
 /// Adapt the weights to one sensor and the classes that you know, in a given time: simulates scans of this very sensor, trains on from
 /// the shipped weights, measures int8's ranges, chooses the scores of the profiles, and evaluates the model before and after.
 ///
-/// DIR gets model.safetensors and report.md. What it costs is measured first and told. A command that was interrupted continues when it is
+/// DIR gets model.safetensors and report.md. The time that each step takes is estimated and printed first. A command that was interrupted continues when it is
 /// started again. The validation scans are simulated: real scans decide (evaluate ap).
 #[derive(Args)]
 pub(crate) struct AdaptArguments {

@@ -81,7 +81,7 @@ pub(crate) fn run(arguments: ImportArguments) -> anyhow::Result<()> {
     let model = model_bytes(manifest, weights)?;
     let classes = manifest.classes.iter().map(|class| class.name.as_str());
     print_err(format_args!(
-        "{} tensors, profile {}, {:?} head, classes {}, sparse weights {:?}, score of an empty scene at most {:.3}",
+        "{} tensors, architecture {}, {:?} head, classes {}, sparse weights {:?}, score of an empty scene at most {:.3}",
         weights.iter().count(),
         manifest.network.profile,
         manifest.network.head,

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// Number of frames for measuring the ranges.
 pub(super) const RANGE_FRAMES: usize = 48;
 
-/// Measure on scans how large the values between a model's layers get, and store it in a model file, so that it runs with
+/// Measure the ranges of the values between a model's layers on scans, and store them in a model file, so that it runs with
 /// `--precision int8`.
 ///
 /// The weights stay as they are, and f32 and bf16 results with them. Take scans like those the model will see: its

@@ -10,8 +10,8 @@ use std::path::PathBuf;
 
 /// Fit the layers by which the refiner scores clusters, on training scans with synthetic unknown objects, and store them in a model file.
 ///
-/// For a network with an output for the unknown (mluc-full): what it proposes on synthetic unknown objects stands against what it proposes
-/// elsewhere. Its other weights stay as they are. Profiles and probabilities of the old score are removed: choose them anew (evaluate model --write-threshold).
+/// For a network with an output for the unknown (mluc-full): the layers learn to separate what it proposes on synthetic unknown objects from what it
+/// proposes elsewhere. Its other weights stay as they are. Profiles and probabilities of the old score are removed: choose them anew (evaluate model --refiner range-scaled --write-profiles).
 #[derive(Args)]
 pub(crate) struct ScoreClustersArguments {
     /// Model file.
@@ -42,7 +42,7 @@ pub(crate) fn run(arguments: ScoreClustersArguments) -> anyhow::Result<()> {
     })?;
     let scorer = scorer.with_context(|| {
         let data = set.describe();
-        format!("{data}: expected unknown objects of the network on synthetic ones (simulate --synthetic-unknown) and beside them, found none on one side")
+        format!("{data}: expected boxes of the network on synthetic unknown objects (simulate --synthetic-unknown) and boxes elsewhere, found only one of the two kinds, or none")
     })?;
     scorer.write(&mut model.weights);
     let own = &mut model.manifest;

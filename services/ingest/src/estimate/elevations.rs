@@ -24,8 +24,9 @@ pub fn bin_deg(bin: usize) -> f32 {
 /// Histogram of the elevations of returns.
 #[derive(Clone, Debug, SmartDefault)]
 pub struct Elevations {
+    /// Returns by elevation, from the bottom up.
     #[default(vec![0; BINS])]
-    counts: Vec<u32>,
+    pub counts: Vec<u32>,
     total: u32,
 }
 
@@ -48,11 +49,6 @@ impl Elevations {
         let counts = self.counts.iter_mut().zip(&other.counts);
         counts.for_each(|(own, count)| *own += count);
         self.total += other.total;
-    }
-
-    /// Returns by elevation, from the bottom up.
-    pub fn counts(&self) -> &[u32] {
-        &self.counts
     }
 
     /// Elevation below which a share of all returns lies, degrees.

@@ -154,7 +154,8 @@ type Turn = fn([f32; 3]) -> [f32; 3];
 #[derive(Clone, Debug)]
 pub struct Estimator {
     content: Content,
-    elevations: Elevations,
+    /// Elevations of all scans.
+    pub elevations: Elevations,
     directions: Directions,
     steps: StepVotes,
     finder: LevelFinder,
@@ -204,11 +205,6 @@ impl Estimator {
         self.peaks.clear();
         self.ups = [0; 6];
         self.estimate.scans = 0;
-    }
-
-    /// Elevations of all scans.
-    pub fn elevations(&self) -> &Elevations {
-        &self.elevations
     }
 
     /// Directions that the robot's own body hides, for a profile.

@@ -62,7 +62,7 @@ pub(crate) fn reload(name: Option<&str>) -> Result<ExitCode> {
             (_, false, text) => return print_out(text).map(|()| ExitCode::SUCCESS),
         }
     }
-    bail!("no answer within 70 s: the first frames of a reload before are still to come")
+    bail!("no answer within 70 s: the first frame of an earlier reload has not come yet")
 }
 
 /// `mluc clean`: iceoryx2's own cleaning, once.

@@ -2,9 +2,9 @@
 
 use super::observe::{Observer, Snapshot, counted, running, state};
 use crate::terminal::print_out;
-use mluc_ipc_types::{CandidateCounts, Health, Stage};
+use mluc_ipc_types::{CandidateCounts, Health, Stage, Topic};
 use mluc_runtime::log_to_stderr;
-use std::{process::ExitCode, time::Duration};
+use std::{process::ExitCode, time::Duration, time::Instant};
 
 /// How long to listen: three heartbeats.
 pub(super) const LISTEN: Duration = Duration::from_millis(350);
@@ -13,7 +13,12 @@ pub(crate) fn status(name: Option<&str>, is_json: bool) -> anyhow::Result<ExitCo
     log_to_stderr("status", "warn");
     let mut observer = Observer::open(&running(name)?)?;
     std::thread::sleep(LISTEN);
-    let snapshot = observer.look()?;
+    let (mut snapshot, begun) = (observer.look()?, Instant::now());
+    // A stage that computes a frame sends no heartbeat.
+    while snapshot.stages.iter().any(Option::is_none) && begun.elapsed() < Topic::SILENCE_MAX {
+        std::thread::sleep(LISTEN);
+        snapshot = observer.look()?;
+    }
     if is_json {
         print_out(snapshot.as_json())?;
     } else {

@@ -104,10 +104,8 @@ impl Complaints {
             format!("{name}: {}", health.reason())
         });
         for words in of_all.into_iter().chain(of_stages) {
-            let is_shown = |(_, shown): &(String, String)| *shown == words;
-            if !self.0.iter().any(is_shown) {
-                self.0.push((time_of_day(wall_clock_ns()), words));
-            }
+            self.0.retain(|(_, shown)| *shown != words);
+            self.0.push((time_of_day(wall_clock_ns()), words));
         }
         let over = self.0.len().saturating_sub(COMPLAINTS_MAX);
         self.0.drain(..over);

@@ -150,10 +150,8 @@ pub fn describe_run(settings: &Settings, model: &Model) -> RunDescription {
         sensor_name: Text::pack(&settings.sensor.name),
         class_names,
         known_score: Text::pack("objectness x probability of the class, 0 to 1"),
-        unknown_score: Text::pack(if is_open {
-            "objectness x probability of being none of the known, lowered for unlikely shapes, 0 to 1"
-        } else {
-            "orders unknown objects among each other; its scale depends on the refiner"
-        }),
+        unknown_score: Text::pack(
+            "orders unknown objects of one model and refiner among each other; no probability",
+        ),
     }
 }

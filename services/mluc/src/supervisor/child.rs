@@ -243,7 +243,7 @@ impl Child {
         if is_oom {
             tracing::error!(
                 stage = self.stage.name(),
-                "the kernel has killed for lack of memory (oom_kill of /proc/vmstat)"
+                "the kernel killed the stage for lack of memory (oom_kill of /proc/vmstat)"
             );
         } else if is_hit {
             return Ok(Ended::Hit);
@@ -392,4 +392,16 @@ fn is_stopped(pid: u32) -> bool {
 fn heartbeat_limit_ms(own: &StageSettings, run_max_us: u32) -> u64 {
     let twice_ms = u64::from(run_max_us) / 500;
     own.heartbeat_max_ms.max(twice_ms) * u64::from(own.heartbeat_max_ms > 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slow_network_is_no_hang() {
+        let own = StageSettings::default();
+        let limits = [0, 3_000_000].map(|run_max_us| heartbeat_limit_ms(&own, run_max_us));
+        assert_eq!(limits, [own.heartbeat_max_ms, 6000]);
+    }
 }

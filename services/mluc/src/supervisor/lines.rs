@@ -86,7 +86,7 @@ impl LineWriter {
         }
         match self.thread.join() {
             Ok(Err(error)) if error.kind() == ErrorKind::BrokenPipe => {
-                Err(error).context("standard output: its reader is gone, and with it the results")
+                Err(error).context("standard output: its reader is gone; further results are lost")
             }
             Ok(written) => written
                 .map(|lost| self.dropped + lost)

@@ -73,7 +73,7 @@ pub(crate) struct Outcome {
     pub(crate) latencies: Latencies,
     /// The status at the end.
     pub(crate) status: Status,
-    /// Ended by a signal: unfinished frames do not count as lost.
+    /// Ended by a signal, or because the reader of the output wants no more: unfinished frames do not count as lost.
     pub(crate) is_interrupted: bool,
 }
 
@@ -328,6 +328,7 @@ impl Supervisor {
         {
             tracing::warn!("a new run began: sequences and counts start again");
             (self.run, self.next_sequence) = (*run, 0);
+            self.shell.note_frame(None);
             let own = &mut self.outcome;
             (own.frames_in, own.frames_out, own.frames_skipped) = (0, 0, 0);
         }
@@ -480,7 +481,7 @@ impl Supervisor {
         let written = self.control.write(&self.settings.instance);
         self.is_control_untold = written.is_err();
         if let Err(error) = written {
-            tracing::error!("telling the stages what has changed: {error:#}");
+            tracing::error!("informing the stages of a change: {error:#}");
         }
     }
 

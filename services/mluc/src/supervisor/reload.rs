@@ -115,7 +115,9 @@ impl Supervisor {
         self.shell.describe_run(&self.run)?;
         self.take_scans()?;
         if self.scans.count_sent() > from_sequence {
-            tracing::warn!("frame {from_sequence} was sent before all stages were told");
+            tracing::warn!(
+                "frame {from_sequence} was sent before all stages had the new thresholds"
+            );
         }
         Ok(Some(format!("from frame {from_sequence} on: {keys}")))
     }

@@ -50,7 +50,7 @@ impl Format {
 
     /// Finds the format by a file's name; `None`: the ending is unknown.
     pub fn of(path: &Path) -> Option<Format> {
-        let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+        let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let mut endings = Format::ENDINGS.iter();
         let found = endings.find(|(ending, _)| name.ends_with(ending));
         found.map(|(_, format)| *format)

@@ -64,8 +64,10 @@ impl Sweep {
                 if (2..=LOST_MAX).contains(&packets) {
                     let gap = self.last_gap.replace((stamp_ns, azimuth_cdeg));
                     let is_sector = gap.is_some_and(|(at_ns, at_cdeg)| {
+                        // The first azimuth after the sector varies by a packet's rotation, up to 9.6 degrees (VLP-16, 20 Hz).
+                        let off_cdeg = at_cdeg.abs_diff(azimuth_cdeg);
                         stamp_ns.saturating_sub(at_ns) > TURN_MIN_NS
-                            && at_cdeg.abs_diff(azimuth_cdeg) < BACK_CDEG
+                            && off_cdeg.min(36_000u16.saturating_sub(off_cdeg)) < 2 * BACK_CDEG
                     });
                     self.lost(if is_sector { 0 } else { packets - 1 });
                 }

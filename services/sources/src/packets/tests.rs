@@ -345,6 +345,37 @@ fn a_sector_that_is_left_out_is_no_loss_and_no_part_of_another_turn() {
 }
 
 #[test]
+fn a_sector_that_is_left_out_within_packets_gives_whole_turns() {
+    let kind = &kinds()[0];
+    for [from_deg, to_deg] in [[315, 45], [300, 60], [270, 90], [90, 270]] {
+        let is_seen = |column: &u64| {
+            let deg = column % 900 * 2 / 5;
+            let is_aside = !(to_deg..from_deg).contains(&deg);
+            is_aside && (from_deg > to_deg || (from_deg..to_deg).contains(&deg))
+        };
+        let columns: Vec<u64> = (0..30 * 900).filter(is_seen).collect();
+        let (mut decoder, mut found) = (kind.decoder(), vec![]);
+        let mut keep = |scan: &Revolution| found.push((scan.points.len(), scan.packets_lost));
+        // The sensor fills a packet with the firings after the sector.
+        for packet in columns.chunks_exact(12) {
+            let [first_ns, last_ns] = [0, 11].map(|i| HOUR_NS + packet[i] * 110_592);
+            let mut bytes = kind.packet(0, first_ns);
+            for (block, column) in packet.iter().enumerate() {
+                let azimuth_cdeg = (column % 900 * 40) as u16;
+                bytes[block * 100 + 2..][..2].copy_from_slice(&azimuth_cdeg.to_le_bytes());
+            }
+            decoder.push(&datagram(last_ns, &bytes), &mut keep);
+        }
+        let whole = ((0..900).filter(is_seen).count() * 32, 0);
+        let are_whole = found[4..].iter().all(|turn| *turn == whole);
+        assert!(
+            are_whole && found.len() > 25,
+            "{from_deg} {whole:?} {found:?}"
+        );
+    }
+}
+
+#[test]
 fn equal_returns_are_one_point_and_no_return_is_none() {
     let points_of = |change: fn(&mut [u8])| {
         let kind = &kinds()[1];

@@ -18,6 +18,8 @@ const STAMP_AT: usize = 1200;
 const RETURNS_AT: usize = 1204;
 const PRODUCT_AT: usize = 1205;
 const RETURNS_DUAL: u8 = 0x39;
+/// Of a VLS-128: three returns, or two and a confidence. Their blocks are in groups of three, which are not read.
+const RETURNS_OTHER: [u8; 2] = [0x3A, 0x3B];
 /// Flags of the blocks of lasers 0 to 31, 32 to 63, ...
 const BANKS: [u16; 4] = [0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF];
 const HOUR_NS: u64 = 3_600_000_000_000;
@@ -145,6 +147,9 @@ impl Velodyne {
         on: &mut dyn FnMut(&Revolution),
     ) -> Result<(), Damaged> {
         let lasers = self.product.lasers;
+        if lasers == 128 && RETURNS_OTHER.contains(&payload[RETURNS_AT]) {
+            return Err(Damaged);
+        }
         let is_dual = lasers != 64 && payload[RETURNS_AT] == RETURNS_DUAL;
         let returns = if is_dual { 2 } else { 1 };
         let blocks = self.whole_blocks(payload)? / returns * returns;
@@ -170,6 +175,11 @@ impl Velodyne {
             }
             _ => 0,
         };
+        // A sector that is left out within the packet takes its time too: as long per degree as the firings beside it.
+        let turned_cdeg = (ahead..blocks).map(|b| gap_cdeg(azimuth_of(b - ahead), azimuth_of(b)));
+        let turned_cdeg = u64::from(turned_cdeg.max().unwrap_or(0));
+        let firing_ns = interval_ns * ahead as u64 / blocks as u64;
+        let mut left_out_ns = 0;
         for block in (0..blocks).step_by(returns) {
             // The azimuth after the last firing comes with the next packet.
             let gap_cdeg = match block + ahead {
@@ -177,7 +187,14 @@ impl Velodyne {
                 _ if lasers == 128 => before_cdeg,
                 _ => 0,
             };
-            self.block(payload, block, returns, gap_cdeg, stamp_ns, sweep, on);
+            let block_ns = stamp_ns + left_out_ns;
+            self.block(payload, block, returns, gap_cdeg, block_ns, sweep, on);
+            let next_cdeg = azimuth_of((block + returns).min(blocks - 1));
+            let jump_cdeg = turn_cdeg(azimuth_of(block), next_cdeg);
+            // An azimuth that steps back a little leaves no sector out.
+            if (GAP_MAX_CDEG + 1..=35_500).contains(&jump_cdeg) && turned_cdeg > 0 {
+                left_out_ns += u64::from(jump_cdeg) * firing_ns / turned_cdeg;
+            }
         }
         Ok(())
     }
@@ -271,9 +288,14 @@ impl Velodyne {
     }
 }
 
-/// The angle from one azimuth to the next; 0 over a sector that was left out.
+/// The angle from one azimuth to the next.
+fn turn_cdeg(from: u16, to: u16) -> u32 {
+    (u32::from(to) + 36_000 - u32::from(from)) % 36_000
+}
+
+/// The same; 0 over a sector that was left out.
 fn gap_cdeg(from: u16, to: u16) -> u32 {
-    let gap_cdeg = (u32::from(to) + 36_000 - u32::from(from)) % 36_000;
+    let gap_cdeg = turn_cdeg(from, to);
     if gap_cdeg > GAP_MAX_CDEG { 0 } else { gap_cdeg }
 }
 

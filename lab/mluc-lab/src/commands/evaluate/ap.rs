@@ -32,7 +32,7 @@ pub(crate) struct ApArguments {
     beside: Vec<PathBuf>,
     /// What an unknown object may be found on besides labels of unknown classes: literal, nothing; fair, trams, Misc, sitting
     /// persons, and regions without labels (DontCare), none of which is right or wrong.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, requires = "unknown")]
     unknown_protocol: UnknownProtocol,
     /// Print JSON.
     #[arg(long)]

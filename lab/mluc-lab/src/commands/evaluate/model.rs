@@ -46,8 +46,8 @@ pub(crate) struct ModelArguments {
     /// Try thresholds of the gate, and say which is best: the highest harmonic mean that keeps nine tenths of the closed set's mAP; of an open head one half.
     #[arg(long)]
     sweep: bool,
-    /// Write the best threshold into the model file, with how it was chosen (implies --sweep and --write-precisions, and
-    /// --write-profiles where --refiner is range-scaled).
+    /// Write the best threshold into the model file, with how it was chosen (implies --sweep and, where --refiner is range-scaled,
+    /// --write-precisions and --write-profiles).
     #[arg(long)]
     write_threshold: bool,
     /// Write the scores of the operating profiles into the model file: the lowest at which the upper 95 % bound of the objects a scan on
@@ -57,7 +57,7 @@ pub(crate) struct ModelArguments {
     #[arg(long)]
     write_profiles: bool,
     /// Write into the model file what it reaches in f32, bf16 and int8 (where it has a calibration), at its threshold: `--precision auto`
-    /// of a run chooses by that.
+    /// of a run chooses by these figures. Needs --refiner range-scaled.
     #[arg(long)]
     write_precisions: bool,
     /// Run the network on part I (0 to N-1) of N alone, every Nth frame, for job arrays; needs --write-part.
@@ -141,7 +141,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         write_profiles(path, &model, &chosen, &set.describe())?;
         profiles = Some(chosen);
     }
-    if arguments.write_precisions || arguments.write_threshold {
+    if arguments.write_precisions || arguments.write_threshold && has_profiles {
         let count = Precision::ALL.len() * set.names().len();
         counted("precisions", count, |step| {
             write_precisions(path, &set, &unknown, &settings, step)

@@ -130,7 +130,7 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
         write_out(path, text.as_bytes())?;
     }
     if let Some(path) = &arguments.picture {
-        let canvas = picture::of_scans(estimator.elevations().counts(), &found, &name, &other);
+        let canvas = picture::of_scans(&estimator.elevations.counts, &found, &name, &other);
         write_out(path, &canvas.png())?;
     }
     Ok(())

@@ -135,7 +135,7 @@ fn about_mounting(found: &SensorEstimate) -> String {
 }
 
 fn about_model(expected: &Expected) -> String {
-    let takes = expected.takes();
+    let takes = &expected.takes;
     let any = |[low, high]: [u32; 2]| match high {
         u32::MAX => "any number of".to_string(),
         _ => format!("{low} to {high}"),
