@@ -63,9 +63,8 @@ pub fn mean_boxes(source: &ScanSource, classes: usize) -> Result<Vec<MeanBox>, T
 /// Collects the objects of `frames` frames, spread over all.
 pub fn build(source: &ScanSource, classes: usize, frames: usize) -> Result<Database, TrainError> {
     let mut database = vec![vec![]; classes];
-    let step = (source.count() / frames.max(1)).max(1);
-    let all = (0..source.count()).step_by(step);
-    let frames: Vec<usize> = all.take(frames).collect();
+    let wanted = frames.min(source.count());
+    let frames: Vec<usize> = (0..wanted).map(|i| i * source.count() / wanted).collect();
     for chunk in frames.chunks(CHUNK_FRAMES) {
         let cut = chunk.par_iter().map(|f| cut_out(source, *f));
         let cut: Result<Vec<_>, TrainError> = cut.collect();

@@ -210,10 +210,8 @@ impl TrainSettings {
     pub fn fingerprint(&self) -> String {
         let whole = |path: &PathBuf| path.canonicalize().unwrap_or(path.clone());
         // It may be given relative to another folder.
-        let init = self
-            .init
-            .as_ref()
-            .map(|path| folder_tail(&whole(path)).into());
+        let init = self.init.as_ref();
+        let init = init.map(|path| folder_tail(&whole(path)).into());
         let shared = TrainSettings {
             steps: 0,
             validate_frames: 0,

@@ -96,6 +96,8 @@ const NEAR_MAX_M: f32 = 0.5;
 /// Scans in a narrow field whose nearest returns lie beyond the first number, and the farthest less than so many times as far, are seen from elsewhere.
 const MAP_MIN: f32 = 30.0;
 const MAP_FACTOR: f32 = 3.0;
+/// How long a place may contradict unit and axes: three minutes at 10 Hz; a guess.
+const EXCUSED_LOOKS: u32 = 300;
 /// A wall may fill a field this narrow.
 const NARROW_DEG: f32 = 100.0;
 /// The source is frozen after this number of equal scans in a row.
@@ -219,10 +221,8 @@ impl Expected {
         // A wall in front of a narrow field ends all of its beams.
         let is_wide = found.field_deg[1] > NARROW_DEG;
         // On open ground all returns end where the flattest beam meets it.
-        let slopes = found
-            .elevations_deg
-            .iter()
-            .map(|deg| -deg.to_radians().tan());
+        let elevations_deg = found.elevations_deg.iter();
+        let slopes = elevations_deg.map(|deg| -deg.to_radians().tan());
         let flattest = slopes.filter(|slope| *slope > 0.0).reduce(f32::min);
         let open_m = (found.height_m.zip(flattest)).map_or(f32::MAX, |(m, slope)| m / slope);
         let ends_m = least_m.min(OPEN_SHARE * open_m);
@@ -344,10 +344,9 @@ impl Expected {
             let mut blind = sensor.blind.iter();
             blind.any(|b| b.azimuth_deg[1] >= 360.0 && deg <= b.below_deg)
         };
-        let seen = beams
-            .iter()
-            .filter(|deg| **deg < highest + 0.5 && !is_hidden(**deg));
-        let ratio = found.beams as f32 / seen.count().max(1) as f32;
+        let is_seen = |deg: &&f32| **deg < highest + 0.5 && !is_hidden(**deg);
+        let seen = beams.iter().filter(is_seen).count();
+        let ratio = found.beams as f32 / seen.max(1) as f32;
         // Lines that wave show no separate beams.
         let is_other_count =
             sensor.wave.is_none() && !(1.0 / BEAMS_FACTOR..=BEAMS_FACTOR).contains(&ratio);
@@ -369,8 +368,8 @@ pub struct Guard {
     reasons: Vec<Reason>,
     last_scan: u64,
     equal_scans: u32,
-    /// Whether a scan of the run was in metres, with z up. Unit and axes do not change: what contradicts them later is the place, a bridge or a lift.
-    is_proven: bool,
+    /// Looks left in which a doubt about unit or axes is the place (a bridge, a lift): these do not change, and a scan without a fault came before.
+    excused: u32,
 }
 
 impl Guard {
@@ -384,7 +383,7 @@ impl Guard {
             reasons: Vec::with_capacity(REASONS_MAX + 1),
             last_scan: 0,
             equal_scans: 0,
-            is_proven: false,
+            excused: 0,
         }
     }
 
@@ -415,16 +414,19 @@ impl Guard {
         self.estimator.look(points, not_finite);
         let found = self.estimator.estimate();
         self.expected.judge(found, newest);
-        let doubts = |r: &Reason| matches!(r, Reason::Feet(..) | Reason::Axes(_) | Reason::Map(_));
-        let is_off = |r: &Reason| doubts(r) || matches!(r, Reason::Height(..));
-        self.is_proven |= found.height_m.is_some() && !newest.iter().any(is_off);
-        if self.is_proven {
-            let depth = newest.iter().find_map(|reason| match *reason {
-                Reason::Feet(found_m, takes_m) => Some(Reason::Height(found_m, takes_m)),
-                _ => None,
-            });
-            newest.retain(|reason| !doubts(reason));
-            newest.extend(depth);
+        let is_sound = found.height_m.is_some() && newest.is_empty();
+        let left = if is_sound {
+            EXCUSED_LOOKS
+        } else {
+            self.excused
+        };
+        self.excused = left.saturating_sub(1);
+        for reason in newest.iter_mut().filter(|_| left > 0) {
+            *reason = match *reason {
+                Reason::Feet(found_m, takes_m) => Reason::Height(found_m, takes_m),
+                Reason::Axes(_) => Reason::Tilt(90.0, self.expected.takes.tilt_max_deg),
+                other => other,
+            };
         }
         let is_first = self.scans == 0;
         self.reasons.clear();
@@ -633,16 +635,14 @@ mod tests {
     #[test]
     fn a_bridge_is_no_other_unit() {
         let (street, below) = (ground(1.5, 0.0), ground(5.0, 0.0));
-        for (is_first, is_unit) in [(true, true), (false, false)] {
+        let (height, unit) = (Flags::SUSPECT_HEIGHT, Flags::SUSPECT_UNIT);
+        for (scans_before, looks, expected_flag) in [(0, 2, unit), (1, 2, height), (1, 310, unit)] {
             let mut guard = Guard::new(expected(TAKES));
-            if !is_first {
-                guard.check(&street, &DecodeReport::default());
-            }
-            guard.check(&below, &DecodeReport::default());
-            let reasons = guard.check(&below, &DecodeReport::default());
-            let flag = reasons.iter().map(Reason::flag).next();
-            let expected = [Flags::SUSPECT_HEIGHT, Flags::SUSPECT_UNIT][usize::from(is_unit)];
-            assert_eq!(flag, Some(expected), "{reasons:?}");
+            let scans = std::iter::repeat_n(&street, scans_before);
+            let scans = scans.chain(std::iter::repeat_n(&below, looks));
+            scans.for_each(|scan| guard.look(scan, 0));
+            let flags = guard.reasons.iter().map(Reason::flag);
+            assert_eq!(flags.collect::<Vec<_>>(), [expected_flag], "{looks}");
         }
     }
 

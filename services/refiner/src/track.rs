@@ -112,7 +112,7 @@ pub struct Tracker {
     last: Option<[u64; 4]>,
     /// The last step of the stamps, ns.
     step_ns: u64,
-    /// The shorter of the last two steps.
+    /// The usual step: the last one, or two thirds of the one before that.
     period_ns: u64,
 }
 
@@ -190,7 +190,7 @@ impl Tracker {
         let last = self.last.replace(now);
         let step_ns = last.map_or(0, |last| stamp_ns.abs_diff(last[3]));
         let was_silent = step_ns > SILENCE_MAX_NS.max(4 * self.step_ns);
-        self.period_ns = self.step_ns.min(step_ns);
+        self.period_ns = self.step_ns.max(self.period_ns / 3 * 2);
         self.step_ns = step_ns.min(u64::MAX / 4);
         if was_silent || last.is_some_and(|last| now[..2] != last[..2] || sequence < last[2]) {
             self.tracks.clear();
@@ -346,9 +346,7 @@ impl Track {
         let log_odds = counted.iter().sum::<f64>() / counted.len() as f64 + motion;
         self.probability = 1.0 / (1.0 + (-log_odds).exp());
         // The clock may have been set back.
-        let is_steady = seen
-            .windows(2)
-            .all(|pair| pair[0].stamp_ns > pair[1].stamp_ns);
+        let is_steady = seen.is_sorted_by(|later, one| later.stamp_ns > one.stamp_ns);
         let seconds = newest.stamp_ns.saturating_sub(oldest.stamp_ns) as f64 * 1e-9;
         self.news = TrackNews {
             age_scans: age.min(u64::from(u32::MAX)) as u32,

@@ -167,6 +167,28 @@ fn misses_are_bridged_a_whole_window_is_not_and_a_run_that_begins_anew_forgets()
 }
 
 #[test]
+fn clouds_that_never_came_and_a_clock_that_is_set_back() {
+    let (mut tracker, ego) = (tracker(), EgoPose::new([0.0; 3], 0.0, 1));
+    let mut see = |(sequence, ms, x_m): (u64, u64, f32)| {
+        let mut out = RefinerOutput::default();
+        out.objects.push(object(ObjectKind::Unknown, x_m, 1.0, 0.5));
+        let header = FrameHeader {
+            ego,
+            sensor_stamp_ns: 1_000_000 * ms,
+            ..FrameHeader::new(sequence, "")
+        };
+        tracker.update(&header, &mut out);
+        out.objects[0]
+    };
+    // At 10 m/s. Two clouds are lost before the last one, which has the next number.
+    let steady = [(0, 1000, 10.0), (1, 1100, 11.0), (2, 1200, 12.0)].map(&mut see);
+    let later = [(3, 1500, 15.0), (4, 1450, 16.0)].map(&mut see);
+    assert!(later.iter().all(|o| o.track_id == steady[0].track_id));
+    let speeds = later.map(|o| o.track().and_then(|news| news.speed_mps).is_some());
+    assert_eq!(speeds, [true, false]);
+}
+
+#[test]
 fn what_is_fast_is_found_again_beside_what_stands_still() {
     let mut tracker = tracker();
     let mut last = [(Object::NONE, false); 2];

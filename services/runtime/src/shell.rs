@@ -198,9 +198,13 @@ impl Shell {
         let begun_ns = monotonic_ns();
         while self.run().is_none() {
             self.tick()?;
+            if self.run().is_some() {
+                self.silence = None;
+                break;
+            }
             let now_ns = monotonic_ns();
             if self.is_stopping() || Duration::from_nanos(now_ns - begun_ns) > timeout {
-                return Ok(self.run().is_some());
+                return Ok(false);
             }
             // Counted across calls, because one call may be shorter than the silence.
             let (since_ns, is_said) = self.silence.get_or_insert((begun_ns, false));
@@ -212,9 +216,6 @@ impl Shell {
                 );
                 tracing::info!("{reason}");
                 self.state(HealthState::WaitingInput, &reason)?;
-            }
-            if self.run().is_some() {
-                self.silence = None;
             }
             std::thread::sleep(RUN_POLL);
         }

@@ -79,10 +79,8 @@ impl Layout {
             return refused("origin", "three finite numbers", found);
         }
         let is_missing = |axis: &&str| {
-            let named = self
-                .columns
-                .iter()
-                .filter(|name| name.eq_ignore_ascii_case(axis));
+            let columns = self.columns.iter();
+            let named = columns.filter(|name| name.eq_ignore_ascii_case(axis));
             named.count() != 1
         };
         let missing = ["x", "y", "z"].into_iter().find(is_missing);

@@ -90,10 +90,8 @@ impl Format {
             last.start
                 .saturating_add(last.stride.saturating_mul(table.rows))
         };
-        let rest = table
-            .columns
-            .last()
-            .and_then(|last| table.data.get(end(last)..));
+        let last = table.columns.last();
+        let rest = last.and_then(|last| table.data.get(end(last)..));
         let is_long =
             self == Format::Pcd && rest.is_some_and(|rest| rest.iter().any(|byte| *byte != 0));
         Ok(is_short || is_long)

@@ -178,7 +178,7 @@ impl Velodyne {
         // A sector that is left out within the packet takes its time too: as long per degree as the firings beside it.
         let turned_cdeg = (ahead..blocks).map(|b| gap_cdeg(azimuth_of(b - ahead), azimuth_of(b)));
         let turned_cdeg = u64::from(turned_cdeg.max().unwrap_or(0));
-        let firing_ns = interval_ns * ahead as u64 / blocks as u64;
+        let firing_ns = interval_ns * ahead as u64 / blocks.max(1) as u64;
         let mut left_out_ns = 0;
         for block in (0..blocks).step_by(returns) {
             // The azimuth after the last firing comes with the next packet.

@@ -35,7 +35,9 @@ pub(crate) fn sensor(sender: &mut Sender, settings: &Settings, first: u64) -> an
         let mut due_ns = begun_ns + offset_ns.saturating_sub(first_ns);
         if sender.source.is_live() {
             let waited = sender.loaded.scan.arrived.map(|at| at.elapsed());
-            due_ns = monotonic_ns() - waited.unwrap_or_default().as_nanos() as u64;
+            // Suspended, the machine counts no monotonic time.
+            let waited_ns = waited.unwrap_or_default().as_nanos() as u64;
+            due_ns = monotonic_ns().saturating_sub(waited_ns);
         }
         if due_ns >= end_ns {
             break;
