@@ -104,7 +104,7 @@ pub fn diagnostics(header: &Value, instance: &str, parts: &[(&str, Value)]) -> V
     let status = |(name, part): &(&str, Value)| {
         let [state, reason] = ["state", "reason"].map(|key| part[key].as_str().unwrap_or(""));
         let level = match state {
-            "starting" | "running" | "waiting_input" => 0,
+            "running" | "waiting_input" => 0,
             "failed" | "stopped" | "blind" | "late" | "?" => 2,
             "silent" => 3,
             _ => 1,
