@@ -296,7 +296,7 @@ unsafe fn slice_of<'a, T>(what: &str, first: *const T, count: usize) -> Result<&
     if count == 0 {
         return Ok(&[]);
     }
-    if first.is_null() || count > isize::MAX as usize / size_of::<T>() {
+    if first.is_null() || !first.is_aligned() || count > isize::MAX as usize / size_of::<T>() {
         let words = format!("publish: {what}: expected {count} elements, found address {first:?}");
         return Err(Failure::new(Code::Usage, words));
     }

@@ -94,6 +94,7 @@ pub fn run_stage<A: Algorithm>(
             Err(StageError::Refused(error)) => {
                 shell.note_frame(None);
                 shell.refuse(&error.to_string())?;
+                frames.release();
                 continue;
             }
             Err(error) => return Err(error),

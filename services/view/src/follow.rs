@@ -92,7 +92,10 @@ impl Follower {
             }
             _ => (),
         }
-        self.frames.release();
+        // Without a frame nothing is finished: the frame under way needs its scan.
+        if moment.sequence.is_some() {
+            self.frames.release();
+        }
         moment.messages[3] = Some(self.states(moment.log_ns, status.as_ref())?);
         Ok(Some(moment))
     }

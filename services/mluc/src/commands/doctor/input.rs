@@ -156,7 +156,8 @@ fn command(found: &SensorEstimate, expected: &Expected) -> String {
         (Some(_), _) | (None, []) => String::new(),
         (None, [name]) => format!(" --sensor {name}"),
         (None, [name, others @ ..]) => {
-            format!(" --sensor {name}   # name yours; the same beams: {}", others.join(", "))
+            let others = others.join(", ");
+            format!(" --sensor {name}   # name yours; the same beams: {others}")
         }
     };
     let given = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
