@@ -221,11 +221,11 @@ impl Tracker {
         let distances = free.map(|(index, track)| (index, track.distance_m(&sighting).0));
         let near = distances.filter(|(index, m)| {
             // After lost frames the object may be farther away.
-            let frames = sighting.sequence - self.tracks[*index].seen[0].sequence;
-            let lost = frames - (sighting.frame - self.tracks[*index].seen[0].frame);
+            let seen = &self.tracks[*index].seen[0];
+            let frames = sighting.sequence - seen.sequence;
+            let lost = frames - (sighting.frame - seen.frame);
             // What is lost before ingest has no number.
-            let passed_ns =
-                (sighting.stamp_ns).saturating_sub(self.tracks[*index].seen[0].stamp_ns);
+            let passed_ns = sighting.stamp_ns.saturating_sub(seen.stamp_ns);
             let periods = passed_ns.checked_div(self.period_ns).unwrap_or(0);
             let lost = lost.max(periods.saturating_sub(frames));
             *m <= self.settings.distance_max_m * (1 + lost.min(LOST_MAX)) as f64
