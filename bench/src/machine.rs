@@ -60,8 +60,7 @@ pub(crate) fn load() -> f64 {
 /// The compiler's note in a program: `rustc version 1.95.0 (...)`.
 fn compiler(program: &[u8]) -> Option<String> {
     const NOTE: &[u8] = b"rustc version ";
-    let mut windows = program.windows(NOTE.len());
-    let at = windows.position(|found| found == NOTE)?;
+    let at = program.windows(NOTE.len()).position(|found| found == NOTE)?;
     let note = program[at..].split(|&byte| byte == 0).next()?;
     Some(String::from_utf8_lossy(note).into_owned())
 }

@@ -114,13 +114,7 @@ macro_rules! handle {
     };
 }
 
-handle!(
-    MlucRefiner,
-    Refiner,
-    mluc_refiner_open,
-    mluc_refiner_close,
-    "its refiner"
-);
+handle!(MlucRefiner, Refiner, mluc_refiner_open, mluc_refiner_close, "its refiner");
 handle!(
     MlucConsumer,
     Consumer,

@@ -88,11 +88,7 @@ impl Consumer {
         {
             indices.clear();
         }
-        Ok(Frame {
-            header,
-            objects,
-            indices,
-        })
+        Ok(Frame { header, objects, indices })
     }
 
     pub(crate) fn run(&self) -> Option<&RunDescription> {

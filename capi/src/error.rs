@@ -65,6 +65,5 @@ pub(crate) fn remember(words: &str) {
 
 /// The last message; valid until the next failing call of this thread.
 pub(crate) fn last() -> *const c_char {
-    LAST.try_with(|last| last.borrow().as_ptr())
-        .unwrap_or(c"".as_ptr())
+    LAST.try_with(|last| last.borrow().as_ptr()).unwrap_or(c"".as_ptr())
 }

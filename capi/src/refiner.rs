@@ -38,13 +38,7 @@ impl Refiner {
         let object_points = shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?;
         let scans = Scans::open(&shell, true)?;
         let frames = Frames::new(&shell, &Topic::DETECTIONS, Some(scans))?;
-        Ok(Refiner {
-            frame: None,
-            frames,
-            objects,
-            object_points,
-            shell,
-        })
+        Ok(Refiner { frame: None, frames, objects, object_points, shell })
     }
 
     /// Waits for the newest frame that keeps the contract; others are refused and counted. [`Code::Ok`]: it came.
@@ -83,11 +77,7 @@ impl Refiner {
             (stamps.received_ns, stamps.started_ns) = (detections.received_ns, monotonic_ns());
             // A scan that kills the program twice is set aside.
             self.shell.note_frame(Some(header.sequence));
-            self.frame = Some(Frame {
-                header,
-                detections,
-                has_points,
-            });
+            self.frame = Some(Frame { header, detections, has_points });
             return Ok(Code::Ok);
         }
     }

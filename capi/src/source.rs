@@ -47,8 +47,7 @@ impl Source {
         let begun = Instant::now();
         loop {
             if self.shell.is_stopping() {
-                self.shell
-                    .state(HealthState::Stopping, Health::ASKED_TO_END)?;
+                self.shell.state(HealthState::Stopping, Health::ASKED_TO_END)?;
                 return Ok(Code::Stopping);
             }
             self.shell.tick()?;

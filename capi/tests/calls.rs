@@ -50,14 +50,8 @@ impl Others {
         let mut header = FrameHeader::new(sequence, "a");
         (header.run_id, header.model_fingerprint) = (1, 42);
         change(&mut header);
-        let point = Point {
-            x_m: sequence as f32,
-            ..Point::default()
-        };
-        let detection = Detection {
-            size_m: [1.0; 3],
-            ..Detection::default()
-        };
+        let point = Point { x_m: sequence as f32, ..Point::default() };
+        let detection = Detection { size_m: [1.0; 3], ..Detection::default() };
         self.points.send(&header, &[point; 100]).unwrap();
         self.detections.send(&header, &[detection]).unwrap();
     }
@@ -70,11 +64,7 @@ fn words() -> String {
 }
 
 fn wait(refiner: *mut MlucRefiner, timeout_ms: u32) -> (i32, MlucFrame) {
-    let mut frame = MlucFrame {
-        points_count: 7,
-        detections_count: 7,
-        ..MlucFrame::zeroed()
-    };
+    let mut frame = MlucFrame { points_count: 7, detections_count: 7, ..MlucFrame::zeroed() };
     // SAFETY: an open handle, and a place for the frame.
     let code = unsafe { mluc_refiner_wait(refiner, timeout_ms, &mut frame) };
     (code, frame)
@@ -209,11 +199,8 @@ fn candidates_are_counted(refiner: *mut MlucRefiner, others: &mut Others) {
     assert_eq!(wait(refiner, 300).0, Code::Timeout as i32);
     others.send(6, |_| ());
     assert_eq!(wait(refiner, 2000).0, Code::Ok as i32);
-    let unknown = Object {
-        kind: ObjectKind::Unknown as u32,
-        flags: Object::SPLIT,
-        ..sound_object()
-    };
+    let unknown =
+        Object { kind: ObjectKind::Unknown as u32, flags: Object::SPLIT, ..sound_object() };
     let found = publish(refiner, &[unknown], &[5, 99]);
     assert_eq!(found, Code::Ok as i32);
     watch.update().unwrap();

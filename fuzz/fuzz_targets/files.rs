@@ -10,15 +10,11 @@ use mluc_model::{Model, SensorProfile, read_tensors};
 use mluc_sources::{Next, Scan, Source, files::Layout, packets::Calibration};
 
 /// The kinds that `--input` takes, then other files.
-const KINDS: &str =
-    "bin pcd.bin npy pcd ply pcap pcapng mcap model sensor labels calib lines checkpoint socket las";
+const KINDS: &str = "bin pcd.bin npy pcd ply pcap pcapng mcap model sensor labels calib lines checkpoint socket las";
 
 /// All points of the first scans.
 fn read_scans(path: &str, deskew: bool) -> anyhow::Result<()> {
-    let layout = Layout {
-        deskew,
-        ..Layout::default()
-    };
+    let layout = Layout { deskew, ..Layout::default() };
     let mut source = Source::open(path.as_ref(), &layout, false)?;
     let mut scan = Scan::default();
     for sequence in 0..4 {

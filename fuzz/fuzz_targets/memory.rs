@@ -18,12 +18,8 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
             }
         }
         2 => drop(Detection::checked(&header, &elements(body), 2)),
-        3 => elements::<_, Health>(body)
-            .iter()
-            .for_each(|health| drop(health.checked())),
-        4 => elements::<_, Status>(body)
-            .iter()
-            .for_each(|status| drop(status.checked())),
+        3 => elements::<_, Health>(body).iter().for_each(|health| drop(health.checked())),
+        4 => elements::<_, Status>(body).iter().for_each(|status| drop(status.checked())),
         // What passes the check must be writable as output.
         _ => {
             let (objects, indices) = body.split_at(body.len() / 2);

@@ -8,10 +8,7 @@ use mluc_refiner::{Refiner, RefinerOutput, Sensor, Settings};
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let (detections, points) = data.split_at(data.len() / 2);
     let points = elements(points);
-    let sensor = Sensor {
-        tells_unknown: true,
-        ..Sensor::plain(&["car", "van"])
-    };
+    let sensor = Sensor { tells_unknown: true, ..Sensor::plain(&["car", "van"]) };
     let mut refiner = Refiner::new(Settings::default(), &sensor).expect("sound settings");
     let mut out = RefinerOutput::default();
     refiner.refine(1, &points, &elements(detections), &mut out);

@@ -14,11 +14,7 @@ pub struct Box3 {
 impl Box3 {
     /// From x, y, z, l, w, h, yaw.
     pub fn new(v: [f64; 7]) -> Box3 {
-        Box3 {
-            center_m: [v[0], v[1], v[2]],
-            size_m: [v[3], v[4], v[5]],
-            yaw_rad: v[6],
-        }
+        Box3 { center_m: [v[0], v[1], v[2]], size_m: [v[3], v[4], v[5]], yaw_rad: v[6] }
     }
 
     /// From the f32 numbers of a message: centre and size, m; yaw, rad.

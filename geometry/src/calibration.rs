@@ -73,34 +73,21 @@ impl Calibration {
         let rows = |m: [[f64; 3]; 3]| Matrix3::from(m).transpose();
         let turn = rows(velo_to_cam.map(|row| [row[0], row[1], row[2]]));
         let shift = Vector3::from(velo_to_cam.map(|row| row[3]));
-        let rect_from_sensor = Affine {
-            linear: rows(r0_rect) * turn,
-            offset: rows(r0_rect) * shift,
-        };
+        let rect_from_sensor =
+            Affine { linear: rows(r0_rect) * turn, offset: rows(r0_rect) * shift };
         let sensor_from_rect = rect_from_sensor.inverse().ok_or(CalibrationError)?;
         let mut numbers = rect_from_sensor.offset.iter().chain(p2.as_flattened());
         if !numbers.all(|v| v.is_finite()) {
             return Err(CalibrationError);
         }
-        Ok(Calibration {
-            p2,
-            r0_rect,
-            velo_to_cam,
-            rect_from_sensor,
-            sensor_from_rect,
-        })
+        Ok(Calibration { p2, r0_rect, velo_to_cam, rect_from_sensor, sensor_from_rect })
     }
 
     /// For a sensor without a camera: axes swapped, no shift, P2 all 0. The simulator's full-circle frames use it.
     pub fn without_camera() -> Calibration {
         let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let axes = [
-            [0.0, -1.0, 0.0, 0.0],
-            [0.0, 0.0, -1.0, 0.0],
-            [1.0, 0.0, 0.0, 0.0],
-        ];
-        let swapped = Calibration::new([[0.0; 4]; 3], identity, axes);
-        swapped.expect("an invertible map")
+        let axes = [[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0]];
+        Calibration::new([[0.0; 4]; 3], identity, axes).expect("an invertible map")
     }
 
     /// KITTI's matrices with their names, row by row: the left colour camera's projection, px; the rectifying rotation; camera 0 from sensor, m.
@@ -172,8 +159,7 @@ impl Calibration {
     }
 
     fn homogeneous(&self, p: [f64; 3]) -> [f64; 3] {
-        self.p2
-            .map(|row| row[0] * p[0] + row[1] * p[1] + row[2] * p[2] + row[3])
+        self.p2.map(|row| row[0] * p[0] + row[1] * p[1] + row[2] * p[2] + row[3])
     }
 }
 
@@ -219,17 +205,9 @@ mod tests {
     fn kitti_like() -> Calibration {
         let (s, c) = 0.01f64.sin_cos();
         Calibration::new(
-            [
-                [721.5, 0.0, 609.6, 44.9],
-                [0.0, 721.5, 172.9, 0.2],
-                [0.0, 0.0, 1.0, 0.003],
-            ],
+            [[721.5, 0.0, 609.6, 44.9], [0.0, 721.5, 172.9, 0.2], [0.0, 0.0, 1.0, 0.003]],
             [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]],
-            [
-                [0.0, -1.0, 0.0, -0.004],
-                [0.0, 0.0, -1.0, -0.076],
-                [1.0, 0.0, 0.0, -0.272],
-            ],
+            [[0.0, -1.0, 0.0, -0.004], [0.0, 0.0, -1.0, -0.076], [1.0, 0.0, 0.0, -0.272]],
         )
         .expect("valid")
     }
@@ -251,11 +229,7 @@ mod tests {
 
     #[test]
     fn a_sensor_whose_y_points_ahead_turns_headings_too() {
-        let axes = [
-            [1.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, -1.0, 0.0],
-            [0.0, 1.0, 0.0, 0.0],
-        ];
+        let axes = [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0]];
         let like = kitti_like();
         let turned = Calibration::new(like.p2, like.r0_rect, axes).expect("valid");
         // Ahead of the camera, facing away.

@@ -11,10 +11,7 @@ pub struct ImageSize {
 
 impl ImageSize {
     /// The common size of KITTI's left colour images.
-    pub const KITTI: ImageSize = ImageSize {
-        width_px: 1242,
-        height_px: 375,
-    };
+    pub const KITTI: ImageSize = ImageSize { width_px: 1242, height_px: 375 };
 
     /// The part of a box inside the image (0 to width - 1, 0 to height - 1); `None` when there is none.
     pub fn clip(self, b: [f64; 4]) -> Option<[f64; 4]> {

@@ -33,11 +33,7 @@ pub fn intersection_bev_m2(a: &Box3, b: &Box3) -> f64 {
         return 0.0;
     }
     // b in a's frame: a's sides are then x = +-l/2 and y = +-w/2, and the arithmetic stays near the origin.
-    let b_in_a = Box3 {
-        center_m: a.local_m(b.center_m),
-        yaw_rad: b.yaw_rad - a.yaw_rad,
-        ..*b
-    };
+    let b_in_a = Box3 { center_m: a.local_m(b.center_m), yaw_rad: b.yaw_rad - a.yaw_rad, ..*b };
     let (half_l, half_w) = (a.size_m[0] / 2.0, a.size_m[1] / 2.0);
     let common = Polygon::<CORNERS_MAX>::new(b_in_a.footprint_m())
         .cut([1.0, 0.0], half_l)
@@ -120,10 +116,7 @@ mod tests {
     #[test]
     fn unit_squares_at_45_degrees() {
         let a = Box3::new([10.0, 5.0, 0.0, 1.0, 1.0, 1.0, 0.0]);
-        let b = Box3 {
-            yaw_rad: std::f64::consts::FRAC_PI_4,
-            ..a
-        };
+        let b = Box3 { yaw_rad: std::f64::consts::FRAC_PI_4, ..a };
         // The common octagon: 2 (sqrt 2 - 1) = 0.8284 of 1.1716.
         let common = 2.0 * (2f64.sqrt() - 1.0);
         assert!((intersection_bev_m2(&a, &b) - common).abs() < 1e-12);
@@ -154,10 +147,7 @@ mod tests {
                 assert_eq!(iou_3d(&b, &b), 0.0);
             }
         }
-        let lost = Box3 {
-            center_m: [f64::NAN, 0.0, 0.0],
-            ..a
-        };
+        let lost = Box3 { center_m: [f64::NAN, 0.0, 0.0], ..a };
         assert_eq!(iou_bev(&a, &lost), 0.0);
     }
 
@@ -181,16 +171,9 @@ mod tests {
         assert_eq!(kept(&pair, &[0, 1, 2], 0.99, 10), [0, 1, 2]);
         assert_eq!(kept(&chain, &[0, 1, 2], 0.0, 10), [0, 2]);
         let mut told = vec![];
-        nms_into(
-            &chain,
-            &[0, 1, 2],
-            0.0,
-            10,
-            &mut vec![],
-            |number, index, _| {
-                told.push((number, index));
-            },
-        );
+        nms_into(&chain, &[0, 1, 2], 0.0, 10, &mut vec![], |number, index, _| {
+            told.push((number, index));
+        });
         assert_eq!(told, [(0, 1)]);
         assert!(kept(&[], &[], 0.5, 10).is_empty());
         // An index beyond the boxes.

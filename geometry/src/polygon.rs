@@ -15,10 +15,7 @@ impl<const MAX: usize> Polygon<MAX> {
         polygon
     }
 
-    const EMPTY: Polygon<MAX> = Polygon {
-        corners: [[0.0; 2]; MAX],
-        count: 0,
-    };
+    const EMPTY: Polygon<MAX> = Polygon { corners: [[0.0; 2]; MAX], count: 0 };
 
     fn push(&mut self, corner: [f64; 2]) {
         if self.count < MAX {
@@ -55,7 +52,6 @@ impl<const MAX: usize> Polygon<MAX> {
         let corners = self.corners();
         let next = corners.iter().cycle().skip(1);
         let add = |sum: f64, (a, b): (&[f64; 2], &[f64; 2])| sum + (a[0] * b[1] - a[1] * b[0]);
-        let twice = corners.iter().zip(next).fold(0.0, add);
-        twice.abs() / 2.0
+        corners.iter().zip(next).fold(0.0, add).abs() / 2.0
     }
 }

@@ -149,10 +149,7 @@ mod tests {
 
     /// The error about a detection with one field changed; empty: it passes.
     fn said(change: fn(&mut Detection)) -> String {
-        let mut detection = Detection {
-            size_m: [4.0, 2.0, 1.5],
-            ..Detection::default()
-        };
+        let mut detection = Detection { size_m: [4.0, 2.0, 1.5], ..Detection::default() };
         change(&mut detection);
         Detection::checked(&FrameHeader::new(0, "a"), &[detection], 3)
             .map_or_else(|error| error.to_string(), |_| String::new())

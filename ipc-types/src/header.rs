@@ -136,12 +136,7 @@ pub struct EgoPose {
 impl EgoPose {
     /// A pose; `is_known`: 0 if it is not known, else a number for its source.
     pub fn new(position_m: [f64; 3], yaw_rad: f64, is_known: u32) -> EgoPose {
-        EgoPose {
-            position_m,
-            yaw_rad,
-            is_known,
-            reserved: 0,
-        }
+        EgoPose { position_m, yaw_rad, is_known, reserved: 0 }
     }
 }
 

@@ -66,8 +66,7 @@ impl CandidateCounts {
     pub fn named(&self) -> impl Iterator<Item = (&'static str, u64)> {
         let flags = [self.unrefined, self.split, self.thinned];
         let by_flag = Object::FLAG_NAMES.into_iter().zip(flags);
-        let names = Disposition::NAMES.into_iter();
-        names.zip(self.by_disposition).chain(by_flag)
+        Disposition::NAMES.into_iter().zip(self.by_disposition).chain(by_flag)
     }
 }
 
@@ -184,12 +183,8 @@ mod tests {
 
     #[test]
     fn unknown_objects_are_counted_by_disposition_and_flag() {
-        let object = |kind, disposition, flags| Object {
-            kind,
-            disposition,
-            flags,
-            ..Object::zeroed()
-        };
+        let object =
+            |kind, disposition, flags| Object { kind, disposition, flags, ..Object::zeroed() };
         let objects = [
             object(1, 0, Object::SPLIT | Object::THINNED),
             object(1, 0, Object::UNREFINED),

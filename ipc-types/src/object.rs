@@ -131,15 +131,8 @@ impl Object {
     const SPEED_MPS: (u32, f32) = (16, 4.0);
     const PROBABILITY: (u32, f32) = (24, 254.0);
     /// The bits of `flags` and their names in the JSON lines, in order.
-    pub const FLAG_NAMES: [&'static str; 7] = [
-        "unrefined",
-        "split",
-        "thinned",
-        "small",
-        "large",
-        "post",
-        "confirmed",
-    ];
+    pub const FLAG_NAMES: [&'static str; 7] =
+        ["unrefined", "split", "thinned", "small", "large", "post", "confirmed"];
 
     /// Checks a whole message: version, stamps, count, enums, indices, finite numbers. A published object must also have a size
     /// above 0 and a convex outline of three corners or more, counter-clockwise.
@@ -173,8 +166,7 @@ impl Object {
         let boxes = self.center_m.iter().chain(&self.size_m);
         let others = [&self.yaw_rad, &self.score, &self.eds, &self.eds_normalised];
         let numbers = boxes.chain(others).chain([&self.threshold, &self.overlap]);
-        let mut numbers = numbers.chain(corners.iter().flatten());
-        let are_finite = numbers.all(|number| number.is_finite());
+        let are_finite = numbers.chain(corners.iter().flatten()).all(|number| number.is_finite());
         let is_sound = are_finite && is_probability_or_none(self.unknown_probability);
         let what = "object";
         require(is_sound, ContractError::NotFinite { what, index })
@@ -205,8 +197,7 @@ impl Object {
     /// the rounding of f32 far from the sensor.
     fn has_sound_outline(&self) -> bool {
         let corners = &self.footprint_m[..self.footprint_count as usize];
-        let places = corners.iter().flatten();
-        let far_m = places.fold(0.0f32, |far, v| far.max(v.abs()));
+        let far_m = corners.iter().flatten().fold(0.0f32, |far, v| far.max(v.abs()));
         let slack_m = 1e-3 + 1e-6 * f64::from(far_m);
         let is_left = |a: &[f32; 2], b: &[f32; 2], c: &[f32; 2]| {
             let from_a =
@@ -361,11 +352,7 @@ mod tests {
             let error = said(change);
             assert!(error.starts_with(expected), "{expected}: {error}");
         }
-        let far = Object {
-            points_first: u32::MAX,
-            points_count: u32::MAX,
-            ..object()
-        };
+        let far = Object { points_first: u32::MAX, points_count: u32::MAX, ..object() };
         assert!(Object::checked(&FrameHeader::new(0, "a"), &[far], 3).is_err());
     }
 
@@ -382,11 +369,7 @@ mod tests {
         }
         assert_eq!(object.track(), None);
         for (age_scans, speed_mps) in [(0, None), (7, Some(2.5)), (254, Some(63.5))] {
-            let news = TrackNews {
-                age_scans,
-                speed_mps,
-                is_confirmed: age_scans > 0,
-            };
+            let news = TrackNews { age_scans, speed_mps, is_confirmed: age_scans > 0 };
             object.tell_track(3, news);
             assert_eq!((object.track(), object.track_id), (Some(news), 3));
         }
@@ -398,12 +381,7 @@ mod tests {
     fn the_outline_of_what_is_published_is_convex_and_counter_clockwise() {
         let [a, b, c, d] = [[60.0, 1.0], [58.0, 1.0], [58.0, -1.0], [60.0, -1.0]];
         let hardly_dented = [a, [59.0, 0.9995], b, c, d];
-        for corners in [
-            &[a, b, c, d][..],
-            &[a, b, c],
-            &[a, a, b, c, d],
-            &hardly_dented,
-        ] {
+        for corners in [&[a, b, c, d][..], &[a, b, c], &[a, a, b, c, d], &hardly_dented] {
             assert_eq!(said_of(outlined(corners)), "", "{corners:?}");
         }
         // Outlines of discs, rounded to f32, also if corners coincide.

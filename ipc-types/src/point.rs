@@ -32,7 +32,6 @@ impl Point {
 
     /// Whether all four numbers are finite.
     pub fn is_finite(&self) -> bool {
-        let numbers = [self.x_m, self.y_m, self.z_m, self.intensity];
-        numbers.iter().all(|number| number.is_finite())
+        [self.x_m, self.y_m, self.z_m, self.intensity].iter().all(|number| number.is_finite())
     }
 }

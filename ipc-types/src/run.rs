@@ -84,8 +84,7 @@ impl RunDescription {
     /// Names of the classes by class id.
     pub fn class_names(&self) -> impl Iterator<Item = &str> {
         let count = (self.classes_count as usize).min(CLASSES_MAX);
-        let names = self.class_names[..count].iter();
-        names.map(|name| Text::unpack(name).unwrap_or("?"))
+        self.class_names[..count].iter().map(|name| Text::unpack(name).unwrap_or("?"))
     }
 
     /// The model's name; `?` when it is not UTF-8.

@@ -97,11 +97,8 @@ impl Topic {
         ..Topic::FEATURES
     };
     /// The current state of the pipeline ([`crate::Status`]): supervisor to everybody, latched too.
-    pub const STATUS: Topic = Topic {
-        name: "status",
-        element_bytes: size_of::<crate::Status>(),
-        ..Topic::RUN
-    };
+    pub const STATUS: Topic =
+        Topic { name: "status", element_bytes: size_of::<crate::Status>(), ..Topic::RUN };
 
     /// Number of messages in the producer's memory: as many as all consumers can keep at the same time, and the loans.
     pub const fn slots(&self) -> usize {

@@ -49,16 +49,9 @@ pub fn convolve_at<I: Element, O: Element>(
     }
     assert_eq!(gather.taps, taps, "taps of gather and weights");
     assert_eq!(gather.index.len(), outputs * taps, "gather rows are whole");
-    let whole = input.len().is_multiple_of(cin.max(1));
-    assert!(whole, "{} inputs in rows of {cin}", input.len());
+    assert!(input.len().is_multiple_of(cin.max(1)), "{} inputs in rows of {cin}", input.len());
     epilogue.check(cout);
-    let job = Job {
-        level,
-        input,
-        gather,
-        weights,
-        epilogue,
-    };
+    let job = Job { level, input, gather, weights, epilogue };
     let Some(rows) = output_rows else {
         return job.range(0..outputs, None, 0, &mut output[..outputs * cout]);
     };
@@ -86,13 +79,7 @@ impl<I: Element> Job<'_, I> {
         output: &mut [O],
     ) {
         if rows.len() <= BLOCK {
-            return self.level.run(Block {
-                job: self,
-                rows,
-                output_rows,
-                first,
-                output,
-            });
+            return self.level.run(Block { job: self, rows, output_rows, first, output });
         }
         let middle = rows.start + (rows.len().div_ceil(BLOCK) / 2) * BLOCK;
         let middle_row = output_rows.map_or(middle, |places| places[middle] as usize);
@@ -128,8 +115,7 @@ impl<I: Element, O: Element> Kernel for Block<'_, I, O> {
                 bias[..panel.used].copy_from_slice(&values[panel.first..][..panel.used]);
             }
             let mut first = [I::Sum::default(); PANEL_MAX];
-            let pairs = first.iter_mut().zip(&bias);
-            pairs.for_each(|(first, bias)| *first = I::Sum::begin(*bias));
+            first.iter_mut().zip(&bias).for_each(|(first, bias)| *first = I::Sum::begin(*bias));
             let sums = room.rows(self.rows.len(), &first[..panel.width]);
             let products = Products {
                 input: self.job.input,

@@ -88,8 +88,7 @@ mod tests {
         assert!(found.to_f32().is_nan());
         for bits in 0..=u16::MAX {
             let value = Bf16(bits).to_f32();
-            let same = value.is_nan() || Bf16::from_f32(value) == Bf16(bits);
-            assert!(same, "{bits:x}");
+            assert!(value.is_nan() || Bf16::from_f32(value) == Bf16(bits), "{bits:x}");
         }
     }
 

@@ -38,38 +38,24 @@ pub fn weight_gradient<I: Trainable>(
     let rows = output_gradient.len();
     assert_eq!(rows, outputs * cout, "{outputs} output rows of {cout}");
     check(gradient, [taps, cin, cout]);
-    let whole = input.len().is_multiple_of(cin);
-    assert!(whole, "{} inputs in rows of {cin}", input.len());
-    let blocks = outputs.div_ceil(BLOCK);
-    let part_rows = blocks.div_ceil(PARTS_MAX).max(PART_BLOCKS_MIN) * BLOCK;
+    assert!(input.len().is_multiple_of(cin), "{} inputs in rows of {cin}", input.len());
+    let part_rows = outputs.div_ceil(BLOCK).div_ceil(PARTS_MAX).max(PART_BLOCKS_MIN) * BLOCK;
     let parts: Vec<Aligned<f32>> = gather
         .index
         .par_chunks(part_rows * taps)
         .zip(output_gradient.par_chunks(part_rows * cout))
         .map(|(index, output_gradient)| {
-            let part = Part {
-                input,
-                cin,
-                index,
-                taps,
-                output_gradient,
-                cout,
-            };
+            let part = Part { input, cin, index, taps, output_gradient, cout };
             I::add_up(level, part)
         })
         .collect();
     let padded = cout.next_multiple_of(LINE);
-    gradient
-        .par_chunks_exact_mut(cout)
-        .with_min_len(64)
-        .enumerate()
-        .for_each(|(row, gradient)| {
-            for part in &parts {
-                let part = &part.as_slice()[row * padded..][..cout];
-                let pairs = gradient.iter_mut().zip(part);
-                pairs.for_each(|(sum, part)| *sum += part);
-            }
-        });
+    gradient.par_chunks_exact_mut(cout).with_min_len(64).enumerate().for_each(|(row, gradient)| {
+        for part in &parts {
+            let part = &part.as_slice()[row * padded..][..cout];
+            gradient.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+        }
+    });
 }
 
 /// A run of output rows; its result is `[tap][cin][cout padded to whole lines]`.

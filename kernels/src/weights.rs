@@ -24,11 +24,7 @@ pub(crate) fn panels(cout: usize) -> impl Iterator<Item = Panel> {
     let mut first = 0;
     (0..count).map(move |panel| {
         let width = (base + usize::from(panel < wider)) * LINE;
-        let panel = Panel {
-            first,
-            width,
-            used: width.min(cout - first),
-        };
+        let panel = Panel { first, width, used: width.min(cout - first) };
         first += width;
         panel
     })
@@ -94,13 +90,7 @@ impl<I: Operand> Weights<I> {
                 }
             }
         }
-        Weights {
-            taps,
-            cin,
-            cout,
-            data,
-            scale,
-        }
+        Weights { taps, cin, cout, data, scale }
     }
 
     /// The value of a packed weight of 1 in each output channel.

@@ -8,9 +8,7 @@ use mluc_kernels::{
     weight_gradient,
 };
 
-const CHANNELS: [usize; 17] = [
-    1, 2, 3, 4, 15, 16, 18, 31, 32, 48, 62, 63, 64, 84, 96, 128, 256,
-];
+const CHANNELS: [usize; 17] = [1, 2, 3, 4, 15, 16, 18, 31, 32, 48, 62, 63, 64, 84, 96, 128, 256];
 const ROWS: [usize; 10] = [1, 2, 5, 7, 13, 16, 95, 96, 97, 301];
 const TAPS: [usize; 5] = [1, 4, 9, 17, 27];
 const TOLERANCE: f64 = 2e-6;
@@ -67,10 +65,7 @@ impl<I: Input> Case<I> {
 
     fn run<O: Element>(&self, level: Level, rows: Option<&[u32]>, mut output: Vec<O>) -> Vec<O> {
         let weights = Weights::pack(self.gather.taps, self.cin, self.cout, &self.weights);
-        let epilogue = Epilogue {
-            bias: self.bias.as_deref(),
-            relu: self.relu,
-        };
+        let epilogue = Epilogue { bias: self.bias.as_deref(), relu: self.relu };
         let (input, gather) = (&self.input, &self.gather);
         convolve_at(level, input, gather, &weights, epilogue, rows, &mut output);
         output
@@ -129,16 +124,14 @@ fn named_rows_are_written_and_no_other() {
         let [cin, cout] = [(); 2].map(|()| CHANNELS[random.below(CHANNELS.len())]);
         let case = Case::<I>::random(seed as usize, cin, cout);
         let outputs = case.gather.outputs();
-        let rows = (0..outputs).map(|row| (2 * row + random.below(2)) as u32);
-        let rows: Vec<u32> = rows.collect();
+        let rows: Vec<u32> = (0..outputs).map(|row| (2 * row + random.below(2)) as u32).collect();
         let output = vec![7.25; 2 * outputs * cout];
         let output = case.run(Level::best(), Some(&rows), output);
         let row = |row: u32| &output[row as usize * cout..][..cout];
         let named: Vec<f32> = rows.iter().flat_map(|at| row(*at)).copied().collect();
         assert_near(&named, &case.expected(), I::TOLERANCE, "named rows");
         for other in (0..2 * outputs as u32).filter(|row| !rows.contains(row)) {
-            let is_kept = row(other).iter().all(|y| *y == 7.25);
-            assert!(is_kept, "row {other} is not named");
+            assert!(row(other).iter().all(|y| *y == 7.25), "row {other} is not named");
         }
     }
     for seed in 0..40 {
@@ -242,8 +235,7 @@ fn same_bits_for_a_part_of_the_rows() {
     let weights = Weights::pack(taps, cin, cout, &random.values(taps * cin * cout));
     let all = plainly(&input, &gather, &weights);
     let kept: Vec<usize> = (0..500).filter(|row| row % 7 < 3).collect();
-    let rows = kept.iter();
-    let index = rows.flat_map(|row| &gather.index[row * taps..][..taps]);
+    let index = kept.iter().flat_map(|row| &gather.index[row * taps..][..taps]);
     let some = Gather::new(taps, index.copied().collect());
     let some = plainly(&input, &some, &weights);
     for (row, some) in kept.iter().zip(some.chunks_exact(cout)) {
@@ -273,8 +265,7 @@ fn largest_sums<I: Input>() {
         for level in Level::all() {
             let output = case.run(level, None, vec![f32::NAN; 3 * cout]);
             let expected = (byte * weight as i32 * (taps * cin) as i32) as f32;
-            let same = output.iter().all(|y| *y == expected);
-            assert!(same, "{}: {output:?}", level.name());
+            assert!(output.iter().all(|y| *y == expected), "{}: {output:?}", level.name());
         }
     }
 }
@@ -333,13 +324,7 @@ fn a_row_outside_the_input_is_refused() {
         let (input, dy, sums) = (&[0.0; 40], &[0.0; 48], &mut [0.0; 64]);
         weight_gradient(level, input, 4, &gather, dy, 16, sums);
     }
-    for read in [
-        forward::<f32>,
-        forward::<Bf16>,
-        forward::<u8>,
-        forward::<i16>,
-        gradient,
-    ] {
+    for read in [forward::<f32>, forward::<Bf16>, forward::<u8>, forward::<i16>, gradient] {
         assert_refused("input row 10 of 10", || with_threads(1, read));
     }
 }

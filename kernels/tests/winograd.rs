@@ -29,9 +29,7 @@ impl<I: Input + Tiled> Case<I> {
             input: I::inputs(&mut random, cells * cin),
             weights: I::weights(&mut random, 9 * cin * cout, cout),
             bias: I::bias(&mut random, cout),
-            cells: (0..cells as u32)
-                .filter(|_| random.below(100) < wanted_percent)
-                .collect(),
+            cells: (0..cells as u32).filter(|_| random.below(100) < wanted_percent).collect(),
         }
     }
 
@@ -201,8 +199,7 @@ fn a_value_that_is_not_a_number_reaches_the_cells_that_read_it_and_no_other() {
         let output = case.run();
         for (cell, row) in output.chunks_exact(16).enumerate() {
             let reads = (cell / 8).abs_diff(y) <= 1 && (cell % 8).abs_diff(x) <= 1;
-            let right = row.iter().all(|value| value.is_nan() == reads);
-            assert!(right, "{y}, {x}: cell {cell}");
+            assert!(row.iter().all(|value| value.is_nan() == reads), "{y}, {x}: cell {cell}");
         }
     }
 }

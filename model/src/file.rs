@@ -29,11 +29,7 @@ impl Model {
         let manifest = metadata.get(MANIFEST_KEY);
         let manifest = read_manifest(manifest.ok_or_else(|| ModelError::File(missing()))?)?;
         weights.check(&manifest.network)?;
-        Ok(Model {
-            manifest,
-            weights,
-            fingerprint: fnv1a(FNV_OFFSET, bytes),
-        })
+        Ok(Model { manifest, weights, fingerprint: fnv1a(FNV_OFFSET, bytes) })
     }
 
     /// Reads and checks a model file.
@@ -83,8 +79,7 @@ impl View for &Tensor {
         &self.shape
     }
     fn data(&self) -> Cow<'_, [u8]> {
-        let values = self.data.iter();
-        values.flat_map(|value| value.to_le_bytes()).collect()
+        self.data.iter().flat_map(|value| value.to_le_bytes()).collect()
     }
     fn data_len(&self) -> usize {
         self.data.len() * 4

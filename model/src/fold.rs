@@ -72,13 +72,7 @@ impl Folded {
                 weights.extend((0..cout).map(|o| source[at(tap, i, o)]));
             }
         }
-        Folded {
-            taps,
-            cin,
-            cout,
-            weights,
-            bias,
-        }
+        Folded { taps, cin, cout, weights, bias }
     }
 }
 
@@ -99,8 +93,7 @@ fn normalised(
     let bias = (0..cout).map(|o| beta[o] - mean[o] * scale[o]).collect();
     let mut folded = Folded::arranged(source, bias, [taps, cin, cout], at);
     for row in folded.weights.chunks_exact_mut(cout) {
-        let pairs = row.iter_mut().zip(&scale);
-        pairs.for_each(|(weight, scale)| *weight *= scale);
+        row.iter_mut().zip(&scale).for_each(|(weight, scale)| *weight *= scale);
     }
     Ok(folded)
 }
@@ -114,12 +107,9 @@ mod tests {
         let elements: usize = shape.iter().product();
         let data = (0..elements).map(|i| i as f32).collect();
         set.insert(format!("{name}.weight"), shape, data);
-        for (part, value) in [
-            ("weight", 3.0),
-            ("bias", 0.5),
-            ("running_mean", 2.0),
-            ("running_var", 9.0 - 1e-3),
-        ] {
+        for (part, value) in
+            [("weight", 3.0), ("bias", 0.5), ("running_mean", 2.0), ("running_var", 9.0 - 1e-3)]
+        {
             set.insert(format!("{name}.bn.{part}"), vec![cout], vec![value; cout]);
         }
         set
@@ -143,21 +133,11 @@ mod tests {
         assert_eq!(folded.weights, expected);
         assert_eq!(folded.bias, [-1.5, -1.5]);
 
-        let layer = DenseLayer {
-            name: "d".into(),
-            stride: 1,
-            cin: 1,
-            cout: 2,
-        };
+        let layer = DenseLayer { name: "d".into(), stride: 1, cin: 1, cout: 2 };
         let folded = Folded::dense(&weights("d", vec![2, 1, 3, 3], 2), &layer)?;
         assert_eq!(folded.weights[..4], [0.0, 9.0, 1.0, 10.0]);
 
-        let layer = UpLayer {
-            name: "u".into(),
-            factor: 2,
-            cin: 2,
-            cout: 1,
-        };
+        let layer = UpLayer { name: "u".into(), factor: 2, cin: 2, cout: 1 };
         let folded = Folded::up(&weights("u", vec![2, 1, 2, 2], 1), &layer)?;
         assert_eq!(folded.weights, [0.0, 4.0, 1.0, 5.0, 2.0, 6.0, 3.0, 7.0]);
         Ok(())

@@ -250,8 +250,7 @@ impl Network {
 
 /// Name and output channels of every layer that has an int8 range, in the order of computation.
 pub fn calibrated_layers(network: &Network) -> Vec<(String, usize)> {
-    let sparse = network.sparse.iter();
-    let sparse = sparse.map(|layer| (layer.name.clone(), layer.cout));
+    let sparse = network.sparse.iter().map(|layer| (layer.name.clone(), layer.cout));
     let dense = network.block1.iter().chain(&network.block2);
     let dense = dense.map(|layer| (layer.name.clone(), layer.cout));
     sparse.chain(dense).collect()

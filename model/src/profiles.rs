@@ -40,11 +40,7 @@ impl Grid {
 impl Network {
     fn named(name: &str, grid: Grid, classes: usize) -> Network {
         let network = tables().networks.remove(name);
-        Network {
-            grid,
-            classes,
-            ..network.expect("a network of the table")
-        }
+        Network { grid, classes, ..network.expect("a network of the table") }
     }
 
     /// The paper's network: SECOND with 8x sparse backbone, 512 feature channels.

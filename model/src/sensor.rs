@@ -129,8 +129,7 @@ impl SensorProfile {
     pub fn parse(text: &str, place: &str) -> Result<SensorProfile, ModelError> {
         let profile: SensorProfile =
             toml::from_str(text).map_err(|cause| ModelError::sensor(place, cause.to_string()))?;
-        let checked = profile.check();
-        checked.map_err(|cause| ModelError::sensor(place, cause))?;
+        profile.check().map_err(|cause| ModelError::sensor(place, cause))?;
         Ok(profile)
     }
 
@@ -144,9 +143,7 @@ impl SensorProfile {
 
     /// Whether the robot's own body hides an object at this azimuth.
     pub fn hides(&self, azimuth_deg: f32) -> bool {
-        self.blind
-            .iter()
-            .any(|sector| sector.hides(azimuth_deg, 0.0))
+        self.blind.iter().any(|sector| sector.hides(azimuth_deg, 0.0))
     }
 
     /// Checks that every number is in its range; the error names the field, the expected range and the found value.
@@ -172,9 +169,7 @@ impl SensorProfile {
         let mut pairs = self.elevations_deg.array_windows();
         if let Some([upper, lower]) = pairs.find(|[upper, lower]| upper < lower) {
             let found = format!("found {lower} after {upper}");
-            return Err(format!(
-                "elevations_deg: expected from the top down, {found}"
-            ));
+            return Err(format!("elevations_deg: expected from the top down, {found}"));
         }
         for &offset in &self.azimuth_offsets_deg {
             within("azimuth_offsets_deg", offset, -360.0, 360.0)?;
@@ -191,10 +186,8 @@ impl SensorProfile {
             within("wave.a_turn", wave.a_turn, 0.0, 1000.0)?;
         }
         within("blind (sectors)", self.blind.len() as f32, 0.0, 72.0)?;
-        for BlindSector {
-            azimuth_deg: [middle_deg, width_deg],
-            below_deg,
-        } in self.blind.iter().copied()
+        for BlindSector { azimuth_deg: [middle_deg, width_deg], below_deg } in
+            self.blind.iter().copied()
         {
             within("blind.azimuth_deg (middle)", middle_deg, -180.0, 180.0)?;
             within("blind.azimuth_deg (width)", width_deg, 0.0, 360.0)?;

@@ -83,8 +83,7 @@ impl WeightSet {
 
     /// All tensors in the order of their names.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Tensor)> {
-        let tensors = self.tensors.iter();
-        tensors.map(|(name, tensor)| (name.as_str(), tensor))
+        self.tensors.iter().map(|(name, tensor)| (name.as_str(), tensor))
     }
 
     /// Removes a tensor and returns it.

@@ -28,8 +28,7 @@ fn unchecked(json: impl ToString, weights: &WeightSet) -> Vec<u8> {
 fn assert_refused(bytes: &[u8], parts: &[&str]) {
     let error = Model::from_bytes(bytes).expect_err("the file must be refused");
     let error = error.to_string();
-    let has_all = parts.iter().all(|part| error.contains(part));
-    assert!(has_all, "`{error}` names {parts:?}");
+    assert!(parts.iter().all(|part| error.contains(part)), "`{error}` names {parts:?}");
 }
 
 #[test]
@@ -145,18 +144,10 @@ fn every_field_out_of_bounds_is_named_and_nothing_panics() -> Fallible {
 #[test]
 fn probabilities_rise_along_lines_in_each_band_of_ranges_or_are_refused() -> Fallible {
     let (mut manifest, weights) = fixture();
-    let band = |range_min_m, steps: &[[f32; 2]]| RangeBand {
-        range_min_m,
-        steps: steps.to_vec(),
-    };
-    let bands = vec![
-        band(0.0, &[[0.25, 0.125], [0.5, 0.375]]),
-        band(20.0, &[[0.5, 0.0], [0.5, 1.0]]),
-    ];
-    let told = Probabilities {
-        unknown: bands,
-        known: vec![],
-    };
+    let band = |range_min_m, steps: &[[f32; 2]]| RangeBand { range_min_m, steps: steps.to_vec() };
+    let bands =
+        vec![band(0.0, &[[0.25, 0.125], [0.5, 0.375]]), band(20.0, &[[0.5, 0.0], [0.5, 1.0]])];
+    let told = Probabilities { unknown: bands, known: vec![] };
     for (range_m, score, expected) in [
         (3.0, 0.0, 0.125),
         (3.0, 0.25, 0.125),
@@ -174,21 +165,14 @@ fn probabilities_rise_along_lines_in_each_band_of_ranges_or_are_refused() -> Fal
     let wrong = [
         (band(19.0, &[[0.5, 0.5]]), "unknown[2].range_min_m"),
         (band(30.0, &[]), "unknown[2].steps"),
-        (
-            band(30.0, &[[0.5, 0.5], [0.4, 0.6]]),
-            "unknown[2].steps[1][0]",
-        ),
-        (
-            band(30.0, &[[0.5, 0.5], [0.6, 0.4]]),
-            "unknown[2].steps[1][1]",
-        ),
+        (band(30.0, &[[0.5, 0.5], [0.4, 0.6]]), "unknown[2].steps[1][0]"),
+        (band(30.0, &[[0.5, 0.5], [0.6, 0.4]]), "unknown[2].steps[1][1]"),
         (band(30.0, &[[0.5, 1.1]]), "unknown[2].steps[0][1]"),
         (band(30.0, &[[f32::NAN, 0.5]]), "unknown[2].steps[0][0]"),
     ];
     for (band, field) in wrong {
         let mut manifest = manifest.clone();
-        let told = manifest.thresholds.probabilities.as_mut();
-        told.ok_or(field)?.unknown.push(band);
+        manifest.thresholds.probabilities.as_mut().ok_or(field)?.unknown.push(band);
         let error = model_bytes(&manifest, &weights).expect_err(field);
         assert!(error.to_string().contains(field), "{error}");
     }
@@ -200,9 +184,7 @@ fn the_paper_s_network_has_its_published_number_of_parameters() {
     let count = |part: &str, network: &Network| -> usize {
         let mut tensors = expected_tensors(network);
         tensors.retain(|(name, _)| name.starts_with(part) && !name.contains("running"));
-        let sizes = tensors.iter();
-        let sizes = sizes.map(|(_, shape)| shape.iter().product::<usize>());
-        sizes.sum()
+        tensors.iter().map(|(_, shape)| shape.iter().product::<usize>()).sum()
     };
     let second = Network::second(Grid::kitti_second(), 3);
     assert!((700_000..720_000).contains(&count("backbone3d", &second)));

@@ -24,8 +24,7 @@ pub fn data_folder(variable: &str) -> Option<PathBuf> {
         return None;
     };
     let found = folder.display();
-    let is_there = folder.is_dir();
-    assert!(is_there, "{variable}: expected a folder, found {found}");
+    assert!(folder.is_dir(), "{variable}: expected a folder, found {found}");
     Some(folder)
 }
 
@@ -88,21 +87,14 @@ pub fn paper_frames() -> Result<Vec<PaperFrame>, DatasetError> {
     let frame = |name: String| {
         let file = |extension: &str| folder.join(format!("{name}.{extension}"));
         let (points, answers) = (read_scan(&file("bin"))?, file("json"));
-        Ok(PaperFrame {
-            name,
-            points,
-            answers,
-        })
+        Ok(PaperFrame { name, points, answers })
     };
     names.into_iter().map(frame).collect()
 }
 
 /// The paper's network; its only limit on voxels is the contract's limit on points.
 pub fn paper_network() -> Manifest {
-    let grid = Grid {
-        voxels_max: VOXELS_MAX,
-        ..Grid::kitti_second()
-    };
+    let grid = Grid { voxels_max: VOXELS_MAX, ..Grid::kitti_second() };
     Manifest::untrained("oracle", Network::second(grid, 3))
 }
 

@@ -119,8 +119,7 @@ impl Finished {
     }
 
     pub fn sequences(&self) -> Vec<u64> {
-        let lines = self.lines.iter();
-        lines.filter_map(|line| line["sequence"].as_u64()).collect()
+        self.lines.iter().filter_map(|line| line["sequence"].as_u64()).collect()
     }
 
     /// stdout as text.
@@ -132,8 +131,7 @@ impl Finished {
     pub fn flags(&self, frame: &str) -> Vec<&str> {
         let line = self.lines.iter().find(|line| line["frame"] == frame);
         let line = line.unwrap_or_else(|| panic!("no line of frame {frame}: {}", self.log));
-        let flags = line["flags"].as_array().into_iter().flatten();
-        flags.filter_map(Value::as_str).collect()
+        line["flags"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
     }
 }
 
@@ -272,8 +270,7 @@ impl Running {
         let hit = self.stage(stage);
         send_signal(hit, signal);
         self.wait_until("it has another process", |run| {
-            let mut stages = run.stages().into_iter();
-            stages.any(|(name, pid)| name == stage && pid != hit)
+            run.stages().into_iter().any(|(name, pid)| name == stage && pid != hit)
         });
         assert!(!is_alive(hit));
     }
@@ -294,11 +291,7 @@ impl Running {
         let value = |line: &str| serde_json::from_str(line).unwrap_or(Value::String(line.into()));
         let (out, log) = (self.out.0.lock().expect("no panic"), self.log());
         assert!(!log.contains("outlives its shell"), "{log}");
-        Finished {
-            code: status.code(),
-            lines: out.lines().map(value).collect(),
-            log,
-        }
+        Finished { code: status.code(), lines: out.lines().map(value).collect(), log }
     }
 
     /// Waits for the end, at most a minute.

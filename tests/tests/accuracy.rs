@@ -24,8 +24,7 @@ fn model(name: &str) -> Model {
 fn scans(folder: &Path) -> FrameSet {
     let write = |inner: &str, bytes: &[u8]| write_file(&folder.join(inner), bytes);
     for assets in ["services/mluc/assets", "tests/assets/kitti"].map(|assets| root().join(assets)) {
-        let calibration = std::fs::read(assets.join("calibration"));
-        let calibration = calibration.unwrap_or(NO_CAMERA.into());
+        let calibration = std::fs::read(assets.join("calibration")).unwrap_or(NO_CAMERA.into());
         for entry in std::fs::read_dir(&assets).expect("assets").flatten() {
             let path = entry.path();
             let file = path.file_name().expect("a name").to_string_lossy();
@@ -66,8 +65,7 @@ fn below(floor: &Figures, figures: &Figures) -> Vec<String> {
         let found = figures.get(*class).unwrap_or(&[0.0; 2]);
         found.iter().zip(*floor).any(|(found, floor)| found < floor)
     };
-    let low = floor.iter().filter(is_low);
-    low.map(|(class, _)| class.clone()).collect()
+    floor.iter().filter(is_low).map(|(class, _)| class.clone()).collect()
 }
 
 #[test]

@@ -25,8 +25,7 @@ fn the_report_holds_what_was_measured() {
     assert_eq!((rows.len(), &report["frames"]["warm_up"]), (25, &5.into()));
     let out_count = rows.iter().filter(|cells| cells[4] == "out").count();
     assert_eq!(report["frames"]["out"], out_count);
-    let latencies = rows.iter().map(|cells| cells[19].parse().unwrap());
-    let latency_us: Vec<f64> = latencies.collect();
+    let latency_us: Vec<f64> = rows.iter().map(|cells| cells[19].parse().unwrap()).collect();
     for (key, q) in [("p50", 0.5), ("p90", 0.9), ("max", 1.0)] {
         let expected = mluc_geometry::quantile_of(latency_us.clone(), q).expect("frames");
         let found = number(&report, &format!("/end_to_end_us/{key}"));
@@ -41,8 +40,7 @@ fn the_report_holds_what_was_measured() {
 
 /// A number of a report by its JSON pointer.
 fn number(report: &Value, pointer: &str) -> f64 {
-    let found = report.pointer(pointer).and_then(Value::as_f64);
-    found.unwrap_or_else(|| panic!("{pointer}: {report}"))
+    report.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("{pointer}: {report}"))
 }
 
 fn every_stage_and_hop_has_its_figures(report: &Value) {
@@ -79,8 +77,7 @@ fn the_page_works_offline(page: &str) {
         assert!(!page.contains(outside), "{outside}");
     }
     assert_eq!(page.matches("<svg").count(), 3);
-    let warns = page.contains("never trained");
-    assert!(warns, "the warning stands on the page itself");
+    assert!(page.contains("never trained"), "the warning stands on the page itself");
 }
 
 fn the_terminal_shows_a_table(run: &Finished) {

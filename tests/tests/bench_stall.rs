@@ -21,15 +21,13 @@ fn stalled(stage: &str) -> (Value, Vec<f64>) {
     let instance = format!("b-{}-0", run.pid());
     // This wait places the stall within the 6 s.
     run.wait_for_health(&instance, "ten frames are through", |watch| {
-        let refiner = watch.of(Stage::Refiner);
-        refiner.is_some_and(|health| health.frames_out >= 10)
+        watch.of(Stage::Refiner).is_some_and(|health| health.frames_out >= 10)
     });
     let process = run.stage(stage);
     send_signal(process, Signal::STOP);
     std::thread::sleep(STALL);
     send_signal(process, Signal::CONT);
-    let finished = run.finish_within(Duration::from_secs(120));
-    finished.assert_ended_well();
+    run.finish_within(Duration::from_secs(120)).assert_ended_well();
     let out = setting.report();
     (read_json(&out.join("report.json")), latencies_us(&out))
 }
@@ -56,8 +54,7 @@ fn a_stage_that_stands_still_delays_all_frames_that_were_due() {
     let (report, latencies_us) = stalled("backbone");
     assert_counted(&latencies_us, "backbone");
     let dropped = report["frames"]["dropped"].as_f64().unwrap();
-    let is_overtaken = dropped > 0.5 * STALL.as_secs_f64() * RATE_HZ;
-    assert!(is_overtaken, "newer frames overtook them: {dropped}");
+    assert!(dropped > 0.5 * STALL.as_secs_f64() * RATE_HZ, "newer frames overtook them: {dropped}");
     // A measurement of only the frames that came out would miss the stall at its 90th percentile.
     let p90_us = report["end_to_end_us"]["p90"].as_f64().unwrap();
     assert!(p90_us > 0.2e6, "{p90_us}");

@@ -16,20 +16,16 @@ fn read(path: &str) -> String {
 /// The cells of the tables between a heading and the next one.
 fn rows(document: &str, heading: &str) -> Vec<Vec<String>> {
     let mut lines = document.lines();
-    let is_there = lines.any(|line| line == heading);
-    assert!(is_there, "no heading '{heading}' in the document");
+    assert!(lines.any(|line| line == heading), "no heading '{heading}' in the document");
     let below = lines.take_while(|line| !line.starts_with('#'));
     let rows = below.filter(|line| line.starts_with('|') && !line.starts_with("|---"));
     let cell = |cell: &str| cell.trim().trim_matches('`').to_string();
-    rows.map(|row| row.trim_matches('|').split('|').map(cell).collect())
-        .collect()
+    rows.map(|row| row.trim_matches('|').split('|').map(cell).collect()).collect()
 }
 
 /// Names and numbers of a table's rows.
 fn codes(rows: &[Vec<String>]) -> Vec<(&str, u32)> {
-    let rows = rows.iter();
-    rows.map(|row| (row[0].as_str(), row[1].parse().unwrap()))
-        .collect()
+    rows.iter().map(|row| (row[0].as_str(), row[1].parse().unwrap())).collect()
 }
 
 /// The numbers that define a topic's queue, in the order of both languages.

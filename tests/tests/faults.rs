@@ -44,8 +44,7 @@ fn damaged_scans_are_flagged_and_the_next_one_comes() {
         let found = run.flags(frame);
         let has_all = flags.iter().all(|flag| found.contains(flag));
         let is_sound = !of_input.split(' ').any(|flag| found.contains(&flag));
-        let is_right = has_all && is_sound == flags.is_empty();
-        assert!(is_right, "{frame}: {found:?}");
+        assert!(has_all && is_sound == flags.is_empty(), "{frame}: {found:?}");
     }
     let objects = |line: usize| &run.lines[line]["objects"];
     assert_eq!(objects(0), objects(6), "the same scan, the same objects");

@@ -98,8 +98,7 @@ fn the_contract_needs_iceoryx2_only_for_the_runtime() {
         for dependency in &package.dependencies {
             let is_iceoryx2 = dependency.name == SHARED_MEMORY;
             let is_marker = name == CONTRACT && is_iceoryx2;
-            let is_optional = !is_marker || dependency.optional;
-            assert!(is_optional, "marker traits are a feature");
+            assert!(!is_marker || dependency.optional, "marker traits are a feature");
             let mut features = dependency.features.iter();
             let asks = dependency.name == CONTRACT && features.any(|f| f == SHARED_MEMORY);
             assert!(!asks || name == "mluc-runtime", "{name} asks for iceoryx2");
@@ -107,8 +106,7 @@ fn the_contract_needs_iceoryx2_only_for_the_runtime() {
             let may = [CONTRACT, "mluc-runtime"].contains(&name);
             assert!(!is_direct || may, "{name} depends on iceoryx2");
         }
-        let default = package.features.get("default");
-        let has_default = default.is_some_and(|list| !list.is_empty());
+        let has_default = package.features.get("default").is_some_and(|list| !list.is_empty());
         assert!(name != CONTRACT || !has_default, "no default features");
     }
 }

@@ -26,8 +26,7 @@ fn stands_in(source: &[String]) {
     let config = setting.config(&format!("[stages.ingest]\ncommand = {command:?}\n"));
     let mut run = setting.up(&format!("{config} --pace sensor"));
     let consumers = [python_example("consumer"), cpp_example("consumer")];
-    let consumers = consumers.into_iter().flatten();
-    let consumers = consumers.map(|words| setting.start_by_hand(&words));
+    let consumers = consumers.into_iter().flatten().map(|words| setting.start_by_hand(&words));
     let mut consumers: Vec<Running> = consumers.collect();
     run.wait_for_lines(3);
     for consumer in &mut consumers {
@@ -44,8 +43,7 @@ fn stands_in(source: &[String]) {
     assert_eq!(leftovers(&setting.instance), [""; 0]);
 
     let sequences = run.sequences();
-    let is_whole = sequences.is_sorted() && sequences.last() == Some(&39);
-    assert!(is_whole, "{sequences:?}");
+    assert!(sequences.is_sorted() && sequences.last() == Some(&39), "{sequences:?}");
     let (expected, found) = (objects(&ours.lines, "frame"), objects(&run.lines, "frame"));
     for (frame, objects) in &found {
         assert_eq!(expected[frame], *objects, "{frame}");

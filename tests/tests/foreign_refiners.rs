@@ -10,8 +10,7 @@ use std::{process::Command, time::Duration};
 
 /// The example refiners that are installed.
 fn foreign_refiners() -> Vec<Vec<String>> {
-    let examples = [python_example("refiner"), cpp_example("refiner")];
-    examples.into_iter().flatten().collect()
+    [python_example("refiner"), cpp_example("refiner")].into_iter().flatten().collect()
 }
 
 #[test]
@@ -97,8 +96,7 @@ fn a_refiner_is_replaced_by_hand_while_the_others_run() {
     assert_eq!(run.stages(), others, "nobody else was restarted");
     let run = setting.stop(run);
     let sequences = run.sequences();
-    let has_no_gap = sequences.windows(2).all(|pair| pair[1] == pair[0] + 1);
-    assert!(has_no_gap, "{sequences:?}");
+    assert!(sequences.windows(2).all(|pair| pair[1] == pair[0] + 1), "{sequences:?}");
 }
 
 /// A refiner that stays joins run after run: the last messages of the earlier run are not used.

@@ -38,8 +38,7 @@ fn a_consumer_that_keeps_what_it_gets_stops_nobody() {
     assert!(input.newest().is_err(), "it may hold no more");
     assert!(sequences().eq(first));
     drop((kept, input, shell));
-    let finished = setting.stop(run);
-    finished.assert_says(&[", 0 lost", "stages restarted: 0"]);
+    setting.stop(run).assert_says(&[", 0 lost", "stages restarted: 0"]);
 }
 
 #[test]
@@ -64,9 +63,7 @@ fn place<T: Payload>(shell: &Shell, message: &Message<T>) -> (File, u64) {
     let maps = Process::myself().and_then(|own| own.maps()).unwrap();
     let is_it = |map: &MemoryMap| (map.address.0..map.address.1).contains(&start);
     let map = maps.into_iter().find(is_it).expect("a mapping");
-    let MMapPath::Path(path) = map.pathname else {
-        panic!("{map:?}")
-    };
+    let MMapPath::Path(path) = map.pathname else { panic!("{map:?}") };
     let file = File::options().write(true).open(path).unwrap();
     assert_eq!(file.metadata().unwrap().ino(), inode);
     (file, start - map.address.0)
@@ -191,10 +188,7 @@ fn another_user_reaches_nothing() {
     let mut other = Command::new("setpriv");
     other.args("--reuid=65534 --regid=65534 --clear-groups sh -c".split(' '));
     let output = other.arg(&script).output().expect("setpriv starts");
-    let told = (
-        output.status.success(),
-        String::from_utf8_lossy(&output.stdout),
-    );
+    let told = (output.status.success(), String::from_utf8_lossy(&output.stdout));
     assert_eq!(told, (true, "".into()));
     run.wait_for_lines(5);
     setting.stop(run);

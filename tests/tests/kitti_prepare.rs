@@ -46,10 +46,7 @@ fn benchmark(folder: &Path) -> PathBuf {
 /// The split `train` of `root`; its lists are in `lists` if that is given.
 fn options(root: &Path, lists: Option<&Path>, out: PathBuf) -> PrepareOptions {
     PrepareOptions {
-        splits: Splits {
-            root: root.to_owned(),
-            folder: lists.map(Path::to_owned),
-        },
+        splits: Splits { root: root.to_owned(), folder: lists.map(Path::to_owned) },
         split: "train".to_owned(),
         drop_unknown: false,
         unknown: vec!["van".to_owned(), "truck".to_owned()],
@@ -67,8 +64,7 @@ fn frames_with_unknown_objects_stay_or_go() {
     let folder = tempfile::tempdir().expect("a folder");
     let root = benchmark(folder.path());
     let classes = |dataset: &Dataset, name: &str| -> Vec<String> {
-        let labels = dataset.labels(name).expect("labels");
-        labels.into_iter().map(|label| label.class).collect()
+        dataset.labels(name).expect("labels").into_iter().map(|label| label.class).collect()
     };
     let mut options = options(&root, None, folder.path().join("keep"));
     let kept = prepared(&options);
@@ -105,8 +101,7 @@ fn nothing_is_written_where_something_is_wrong() {
     let calibration = root.join("training/calib/000000.txt");
     std::fs::remove_file(&calibration).expect("removed");
     let told = fault(&options);
-    let names_frame = told.starts_with("frame 000000: expected its calibration in ");
-    assert!(names_frame, "{told}");
+    assert!(told.starts_with("frame 000000: expected its calibration in "), "{told}");
     std::fs::write(&calibration, CALIBRATION).expect("written");
     assert!(!out.exists());
     std::fs::create_dir(&out).expect("a folder");

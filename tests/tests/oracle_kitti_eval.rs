@@ -28,8 +28,7 @@ fn oracle_kitti_eval_agrees_within_0_01() {
             let difference = ours.map_or(f64::INFINITY, |ours| (ours - expected).abs());
             worst = worst.max(difference);
             let title = format!("{key} {name}");
-            let is_close = difference <= 0.01;
-            assert!(is_close, "{title}: expected {expected}, found {ours:?}");
+            assert!(difference <= 0.01, "{title}: expected {expected}, found {ours:?}");
         }
     }
     let (frames, entries) = (input.frames.len(), entries.len());

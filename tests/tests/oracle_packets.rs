@@ -28,8 +28,7 @@ fn each_datagram(folder: &Path, mut on: impl FnMut(&Datagram)) {
         on(&datagram);
     }
     let counts = capture.counts();
-    let is_whole = !counts.cut_short && counts.fragmented_lost == 0;
-    assert!(is_whole, "{counts:?}");
+    assert!(!counts.cut_short && counts.fragmented_lost == 0, "{counts:?}");
 }
 
 /// x, y, z of a PCD file.
@@ -38,14 +37,12 @@ fn pcd_points(path: &Path) -> Vec<[f32; 3]> {
     let mut scan = Scan::default();
     let is_cut = Format::Pcd.convert(&Layout::default(), file, &mut scan);
     assert!(!is_cut.expect("a PCD file"));
-    let points = scan.bytes.chunks_exact(16);
-    let points = points.map(bytemuck::pod_read_unaligned);
+    let points = scan.bytes.chunks_exact(16).map(bytemuck::pod_read_unaligned);
     points.map(|[x, y, z, _]: [f32; 4]| [x, y, z]).collect()
 }
 
 fn has(tree: &RTree<[f32; 3]>, point: [f32; 3], within_m: f32) -> bool {
-    let mut near = tree.locate_within_distance(point, within_m * within_m);
-    near.next().is_some()
+    tree.locate_within_distance(point, within_m * within_m).next().is_some()
 }
 
 /// The share of the points that have a point of the tree within [`NEAR_M`].
@@ -63,13 +60,11 @@ fn turned([x, y, z]: [f32; 3], quarters: usize) -> [f32; 3] {
 fn compared(ours: &mut [Timed], turn_ns: u64, truth: &[[f32; 3]]) -> (f64, f64, usize) {
     let tree = RTree::bulk_load(truth.to_vec());
     let sample = |quarters| {
-        let some = ours.iter().step_by(17);
-        let points = some.map(move |(_, point)| turned(*point, quarters));
+        let points = ours.iter().step_by(17).map(move |(_, point)| turned(*point, quarters));
         (share(&tree, points) * 1e6) as u64
     };
     let quarters = (0..4).max_by_key(|quarters| sample(*quarters)).unwrap_or(0);
-    ours.iter_mut()
-        .for_each(|(_, point)| *point = turned(*point, quarters));
+    ours.iter_mut().for_each(|(_, point)| *point = turned(*point, quarters));
     ours.sort_by_key(|(ns, _)| *ns);
     // The turn that matches the truth: the turn with most points that agree to 2 mm.
     let mut same = vec![0u32];
@@ -78,8 +73,7 @@ fn compared(ours: &mut [Timed], turn_ns: u64, truth: &[[f32; 3]]) -> (f64, f64, 
     }
     let after = |ns: u64| ours.partition_point(|(at, _)| *at < ns);
     let found = |start: &usize| same[after(ours[*start].0 + turn_ns)] - same[*start];
-    let starts = (0..ours.len()).step_by(97);
-    let start = starts.max_by_key(found).expect("points");
+    let start = (0..ours.len()).step_by(97).max_by_key(found).expect("points");
     // The other decoder cuts at an angle, not at a time: one comparison extends beyond the turn, the reverse one stays within it.
     let (start_ns, edge_ns) = (ours[start].0, turn_ns / 20);
     let wide = after(start_ns.saturating_sub(edge_ns))..after(start_ns + turn_ns + edge_ns);
@@ -134,20 +128,17 @@ fn check_digest(folder: &Path, metadata: &Metadata) {
 /// The calibration file in the folder of the packets and the answers.
 fn calibration(folder: &Path) -> Option<Calibration> {
     let answers = ["packets.pcap", "truth.pcd", "digest.json"].map(|name| folder.join(name));
-    let entries = read_dir(folder).expect("a folder");
-    let others = entries.map(|entry| entry.expect("an entry").path());
+    let others = read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path());
     let mut others = others.filter(|path| !answers.contains(path));
     others.find_map(|path| Calibration::parse(&read_to_string(path).ok()?).ok())
 }
 
 fn check(folder: &Path) {
     let calibration = calibration(folder);
-    let decoder = capture(folder).detect(calibration.as_ref());
-    let mut decoder = decoder.expect("a decoder");
+    let mut decoder = capture(folder).detect(calibration.as_ref()).expect("a decoder");
     let (mut stamps, mut points): (Vec<u64>, Vec<Timed>) = (vec![], vec![]);
     let mut on = |scan: &Revolution| {
-        let times = scan.offsets_ns.iter();
-        let times = times.map(|ns| scan.stamp_ns + u64::from(*ns));
+        let times = scan.offsets_ns.iter().map(|ns| scan.stamp_ns + u64::from(*ns));
         points.extend(times.zip(scan.points.iter().map(|p| [p.x_m, p.y_m, p.z_m])));
         if !scan.is_partial {
             stamps.push(scan.stamp_ns);
@@ -191,8 +182,7 @@ fn oracle_packets_agree_with_other_decoders() {
         return;
     };
     let entries = read_dir(&folder).expect("the folder of packets");
-    let folders = entries.map(|entry| entry.expect("an entry").path());
-    let mut folders: Vec<PathBuf> = folders.collect();
+    let mut folders: Vec<PathBuf> = entries.map(|entry| entry.expect("an entry").path()).collect();
     folders.retain(|path| path.join("packets.pcap").exists());
     folders.sort();
     assert!(!folders.is_empty(), "no packets");

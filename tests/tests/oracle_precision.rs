@@ -44,8 +44,7 @@ fn stays_close(frame: &PaperFrame) -> Fallible {
             let title = format!("{} {precision} {name}", frame.name);
             println!("{title}: {:.2} %", 100.0 * error);
             // An error of zero would mean that f32 was computed.
-            let is_close = (1e-4..=error_max).contains(&error);
-            assert!(is_close, "{title}: {error} of the rms");
+            assert!((1e-4..=error_max).contains(&error), "{title}: {error} of the rms");
         }
     }
     Ok(())

@@ -43,8 +43,7 @@ fn oracle_rotated_iou_agrees_within_1e_6() {
             }
             let difference = (found - expected).abs();
             worst = worst.max(difference);
-            let is_close = difference <= 1e-6;
-            assert!(is_close, "{title}: expected {expected}, found {found}");
+            assert!(difference <= 1e-6, "{title}: expected {expected}, found {found}");
         }
     }
     let pairs = pairs.len();

@@ -55,8 +55,7 @@ fn every_level_of_every_frame_agrees() -> Fallible {
             }
             for (name, expected) in &expected {
                 let title = format!("{} {coverage:?} {name}", frame.name);
-                let found = found.get(name);
-                let found = found.ok_or_else(|| format!("{title}: is not computed"))?;
+                let found = found.get(name).ok_or_else(|| format!("{title}: is not computed"))?;
                 compare(&title, expected, found);
             }
         }
@@ -70,8 +69,7 @@ fn read_answers(frame: &PaperFrame) -> Fallible<BTreeMap<String, Expected>> {
         .map_err(|error| format!("{}: {error}", frame.answers.display()))?;
     let count = levels.len();
     assert!(count > 15, "{}: {count} levels", frame.name);
-    let levels = levels.into_iter();
-    let named = levels.map(|(title, level)| (level_name(&title), level));
+    let named = levels.into_iter().map(|(title, level)| (level_name(&title), level));
     Ok(named.collect())
 }
 
@@ -91,8 +89,7 @@ fn levels(backbone: &mut Backbone, points: &[[f32; 4]], over: Coverage) -> BTree
         let rows = match level.place {
             Place::Sites(sites) => {
                 let sites = sites.coordinates().iter().enumerate();
-                let sites = sites.map(|(row, at)| (at.map(usize::from).to_vec(), row));
-                sites.collect()
+                sites.map(|(row, at)| (at.map(usize::from).to_vec(), row)).collect()
             }
             Place::Map(shape) => cells_of(shape),
         };
@@ -117,8 +114,7 @@ fn compare(title: &str, expected: &Expected, (channels, rows, values): &Found) {
         ("mean", sum / values.len() as f64, expected.mean),
         ("rms", rms(values.iter().copied()), expected.rms),
     ] {
-        let is_close = (found - expected).abs() < limit;
-        assert!(is_close, "{title}: {what} {found}, expected {expected}");
+        assert!((found - expected).abs() < limit, "{title}: {what} {found}, expected {expected}");
     }
     let mut worst: f64 = 0.0;
     for sample in &expected.samples {
@@ -131,6 +127,5 @@ fn compare(title: &str, expected: &Expected, (channels, rows, values): &Found) {
     }
     let share = worst / expected.rms;
     println!("{title}: {sites} sites, {samples} samples, worst {share:.1e} of the rms");
-    let is_close = worst < limit && samples > 0;
-    assert!(is_close, "{title}: {worst} of at most {limit}");
+    assert!(worst < limit && samples > 0, "{title}: {worst} of at most {limit}");
 }

@@ -44,8 +44,7 @@ fn check(schema: &Value, value: &Value, place: &str) -> Result<(), String> {
 }
 
 fn is_of_type(wanted: &Value, value: &Value) -> bool {
-    let names = wanted.as_array();
-    let names = names.map_or(std::slice::from_ref(wanted), Vec::as_slice);
+    let names = wanted.as_array().map_or(std::slice::from_ref(wanted), Vec::as_slice);
     names.iter().any(|name| match name.as_str() {
         Some("null") => value.is_null(),
         Some("boolean") => value.is_boolean(),

@@ -22,8 +22,7 @@ fn all_frames_come_out_in_order() {
             assert!(line["stages"][stage.name()]["run_us"].is_u64(), "{line}");
         }
     }
-    let lines = run.lines.iter();
-    let mut objects = lines.flat_map(|line| line["objects"].as_array().unwrap());
+    let mut objects = run.lines.iter().flat_map(|line| line["objects"].as_array().unwrap());
     assert!(objects.next().is_some(), "the refiner had no work");
 }
 
@@ -44,8 +43,7 @@ fn a_file_on_standard_input_is_an_input() {
     let objects = |run: &Finished| run.lines[0]["objects"].clone();
     assert_eq!(objects(&run), objects(&setting.run("")));
     let mut none = Command::new(program);
-    let none = Running::start(none.args(["up", "--input", "-"])).finish();
-    none.assert_ended(1, 0);
+    Running::start(none.args(["up", "--input", "-"])).finish().assert_ended(1, 0);
 }
 
 #[test]
@@ -87,10 +85,9 @@ fn frames_that_newer_ones_replaced_end_the_run_with_a_warning() {
 #[test]
 fn stages_start_in_any_order_and_say_what_they_wait_for() {
     let setting = Setting::new("any", 4);
-    for order in [
-        ["ingest", "refiner", "head", "backbone"],
-        ["head", "backbone", "ingest", "refiner"],
-    ] {
+    for order in
+        [["ingest", "refiner", "head", "backbone"], ["head", "backbone", "ingest", "refiner"]]
+    {
         let instance = unique_instance("any");
         let mut stages = order.map(|name| {
             let stage = setting.stage(name, &instance);
@@ -128,8 +125,7 @@ fn payloads_are_read_where_they_lie_and_written_once() {
     run.wait_for_lines(6);
     let mut heard = vec![];
     run.wait_for_health(&setting.instance, "all stages were heard", |watch| {
-        let ready = Stage::ALL.into_iter();
-        let ready = ready.filter(|&stage| watch.is_ready(stage));
+        let ready = Stage::ALL.into_iter().filter(|&stage| watch.is_ready(stage));
         heard = ready.filter_map(|stage| watch.of(stage).copied()).collect();
         heard.len() == 4
     });

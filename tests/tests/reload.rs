@@ -26,8 +26,7 @@ fn all_stages_take_new_thresholds_from_one_frame_on_and_wrong_ones_change_nothin
     run.wait_for_lines(3);
     let run = setting.stop(run);
     run.assert_complete(0, run.lines.len() as u64);
-    let told = run.log.split_once("reload: from frame ");
-    let (_, from) = told.expect("waited for");
+    let (_, from) = run.log.split_once("reload: from frame ").expect("waited for");
     let from: u64 = from.split(' ').next().unwrap().parse().expect("a frame");
     for (sequence, line) in run.sequences().into_iter().zip(&run.lines) {
         let is_published = line["objects"] != serde_json::json!([]);

@@ -26,8 +26,7 @@ fn each_stage_is_replaced(signal: Signal, label: &str) -> Finished {
 
 #[test]
 fn each_killed_stage_comes_back_and_no_frame_is_lost() {
-    let finished = each_stage_is_replaced(Signal::KILL, "kill");
-    finished.assert_says(&["restart in 0ns"]);
+    each_stage_is_replaced(Signal::KILL, "kill").assert_says(&["restart in 0ns"]);
 }
 
 #[test]
@@ -72,8 +71,7 @@ fn a_foreign_stage_that_outlives_its_supervisor_is_ended_by_the_next() {
     let mut next = setting.up(&options);
     next.wait_for_words("does not end: killed");
     next.wait_for_lines(2);
-    let is_gone = wait_for(10 * SECOND, || !is_alive(orphan));
-    assert!(is_gone, "{}", next.log());
+    assert!(wait_for(10 * SECOND, || !is_alive(orphan)), "{}", next.log());
     setting.stop(next);
     killed.finish();
 }
@@ -180,8 +178,7 @@ fn a_crash_of_everything_is_wiped_by_the_next_start() {
     // A killed process keeps its lock until the kernel has freed its memory.
     let all_dead = || !stages.iter().any(|(_, pid)| is_alive(*pid));
     assert!(wait_for(10 * SECOND, all_dead), "{stages:?}");
-    let leaves_files = !leftovers(&setting.instance).is_empty();
-    assert!(leaves_files, "else this test shows nothing");
+    assert!(!leftovers(&setting.instance).is_empty(), "else this test shows nothing");
     setting.run("").assert_complete(0, 2);
 }
 

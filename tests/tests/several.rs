@@ -16,8 +16,7 @@ fn write_scans(setting: &Setting) {
     for name in ["000010", "000080", "000209", "000380"] {
         let path = root().join(format!("services/mluc/assets/{name}.bin.zst"));
         let bytes = zstd::decode_all(std::fs::File::open(path).expect("a scan")).expect("points");
-        let points = bytes.chunks_exact(16);
-        let points = points.map(bytemuck::pod_read_unaligned::<[f32; 4]>);
+        let points = bytes.chunks_exact(16).map(bytemuck::pod_read_unaligned::<[f32; 4]>);
         let (front, rear): (Vec<_>, Vec<_>) = points.partition(|p| p[0] > p[1]);
         let moved: Vec<_> = rear.iter().map(in_rear).collect();
         let whole = [&front[..], &rear].concat();
@@ -28,8 +27,7 @@ fn write_scans(setting: &Setting) {
     }
     let _ = std::fs::remove_file(folder.join("rear/000209.bin"));
     for (sensor, ms) in [("front", "100 200 300 400"), ("rear", "140 160 440")] {
-        let stamps = ms.split(' ');
-        let stamps = stamps.map(|ms| format!("2026-01-01 00:00:00.{ms}\n"));
+        let stamps = ms.split(' ').map(|ms| format!("2026-01-01 00:00:00.{ms}\n"));
         let path = folder.join(format!("{sensor}/timestamps.txt"));
         write_file(&path, stamps.collect::<String>());
     }
@@ -71,8 +69,7 @@ fn halves_are_one_scan_and_a_sensor_that_is_missing_is_told() {
             assert!((told - f64::from(expected.expect("a table"))).abs() < 0.003);
         }
         // What is not confirmed takes nobody's place.
-        let hidden = tracked.lines[number]["suppressed"].as_array();
-        let mut hidden = hidden.expect("objects").iter();
+        let mut hidden = tracked.lines[number]["suppressed"].as_array().expect("objects").iter();
         let gave_way = |o: &&Value| o["kind"] == "known" && o["reason"] == "overlaps_unknown";
         assert!(hidden.all(|o| !gave_way(&o) || !o["by"].is_null()));
         let is_there = |object| merged.iter().any(|other| is_near(object, other));
@@ -84,7 +81,6 @@ fn halves_are_one_scan_and_a_sensor_that_is_missing_is_told() {
     merged.assert_says(&[missing, "lidar rear is back: 1 frames", "degraded 1"]);
     let renamed = LIDARS.replacen("'rear'\nex", "'back'\nex", 1);
     let gone = up(&setting, &setting.config(&renamed));
-    let is_refused = gone.code != Some(0) && gone.lines.is_empty();
-    assert!(is_refused, "{}", gone.log);
+    assert!(gone.code != Some(0) && gone.lines.is_empty(), "{}", gone.log);
     gone.assert_says(&["[[lidar]] rear: input"]);
 }

@@ -31,8 +31,7 @@ fn is(state: StatusState) -> impl Fn(&Status) -> bool {
 /// States and reasons of the status lines.
 fn told(run: &Finished) -> Vec<[&str; 2]> {
     let statuses = run.lines.iter().filter_map(|line| line.get("status"));
-    let words = statuses.map(|s| ["state", "reason"].map(|key| s[key].as_str().unwrap_or("?")));
-    words.collect()
+    statuses.map(|s| ["state", "reason"].map(|key| s[key].as_str().unwrap_or("?"))).collect()
 }
 
 #[test]
@@ -46,8 +45,7 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
     let mut watch = shell.status_watch().unwrap();
     let sees = |status: &Status| status.checked().is_ok_and(StatusState::sees);
     let good = wait(&run, &mut watch, sees);
-    let is_new = good.frames_out > 0 && good.age_ns < 10_000_000_000;
-    assert!(is_new, "{good:?}");
+    assert!(good.frames_out > 0 && good.age_ns < 10_000_000_000, "{good:?}");
     if let Some(command) = python_example("refiner") {
         let words =
             "import mluc\nw = mluc.Watch()\nwhile w.status() is None: pass\nprint(w.status()[0])";
@@ -56,8 +54,7 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
         python.current_dir(root().join("python"));
         python.env("MLUC_INSTANCE", &setting.instance);
         let said = Running::start(&mut python).finish();
-        let is_state = StatusState::NAMES.contains(&said.text().trim());
-        assert!(is_state, "{} {}", said.text(), said.log);
+        assert!(StatusState::NAMES.contains(&said.text().trim()), "{} {}", said.text(), said.log);
     }
 
     let refiner = run.stage("refiner");
@@ -95,10 +92,8 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
     assert_eq!(frames.len(), run.sequences().len());
     // Dropped frames in the status are those that are missing on stdout and not in work at the end.
     let last = &run.lines.last().expect("lines")["status"];
-    let [taken, out, dropped] = ["in", "out", "dropped"].map(|way| {
-        let count = last[format!("frames_{way}")].as_u64();
-        count.unwrap_or_else(|| panic!("{last}"))
-    });
+    let [taken, out, dropped] = ["in", "out", "dropped"]
+        .map(|way| last[format!("frames_{way}")].as_u64().unwrap_or_else(|| panic!("{last}")));
     let ends = run.sequences().last().expect("frames") + 1;
     assert_eq!((out, out + dropped), (frames.len() as u64, ends), "{last}");
     assert!(dropped > 0 && taken >= ends, "{last}");
@@ -123,8 +118,7 @@ fn a_covered_direction_a_covered_sensor_and_nothing_there_are_told_apart() {
     let run = setting.run("--pace sensor --rate 10 --budget-ms 5000 --status-lines");
     let told = told(&run);
     let has = |state: &str, start: &str| {
-        let mut told = told.iter();
-        told.any(|[found, reason]| *found == state && reason.starts_with(start))
+        told.iter().any(|[found, reason]| *found == state && reason.starts_with(start))
     };
     assert!(has("degraded", "1 of 10 directions"), "{told:?}");
     assert!(has("blind", ""), "{told:?}");
@@ -160,11 +154,9 @@ fn missed_budgets_are_told_and_every_hop_adds_up() {
     let log = messages.join("\n");
     assert_has(&log, &["budget of backbone missed: ", "20 in, 20 out"]);
     assert!(has_error, "{log}");
-    let lines = log.lines();
-    let rows = lines.skip_while(|line| !line.starts_with("frames   "));
+    let rows = log.lines().skip_while(|line| !line.starts_with("frames   "));
     for row in rows.skip(1).take(5) {
-        let numbers = row.split_whitespace().filter_map(|w| w.parse().ok());
-        let numbers: Vec<u64> = numbers.collect();
+        let numbers: Vec<u64> = row.split_whitespace().filter_map(|w| w.parse().ok()).collect();
         assert_eq!(numbers[..3], [20, 20, 0], "{log}");
     }
 }
@@ -184,15 +176,11 @@ fn what_a_stage_may_not_have_is_one_warning_and_what_it_may_have_holds() {
     let is_pinned = status.cpus_allowed_list.expect("cores") == [(0, 0)];
     let run = setting.stop(run);
     let warnings = |words: &str| {
-        let lines = run.log.lines();
-        let lines = lines.filter(|line| line.contains("WARN") && line.contains(words));
-        lines.count()
+        run.log.lines().filter(|line| line.contains("WARN") && line.contains(words)).count()
     };
-    for (words, has_it) in [
-        ("priority of head", is_real_time),
-        ("lock_memory: ", is_locked),
-        ("cpus: ", is_pinned),
-    ] {
+    for (words, has_it) in
+        [("priority of head", is_real_time), ("lock_memory: ", is_locked), ("cpus: ", is_pinned)]
+    {
         assert_eq!(warnings(words), usize::from(!has_it), "{}", run.log);
     }
     // The same warning for a stage that is started alone.

@@ -14,8 +14,7 @@ const PIPE_BYTES: usize = 1 << 16;
 /// A pipe that is full until it is read.
 fn full_pipe() -> (PipeReader, PipeWriter) {
     let (reader, mut writer) = std::io::pipe().expect("a pipe");
-    let filled = writer.write_all(&[b'\n'; PIPE_BYTES]);
-    filled.expect("room for so much");
+    writer.write_all(&[b'\n'; PIPE_BYTES]).expect("room for so much");
     (reader, writer)
 }
 
@@ -24,10 +23,9 @@ fn a_reader_that_stands_still_stops_no_restart_and_gets_every_line_at_pace_compl
     let setting = Setting::new("stalled", 80);
     let options = setting.config("restart_limit = 1");
     // A stage ended from outside is restarted. A stage that dies by itself ends the run, with 32 lines waiting.
-    for (signal, words, code, least) in [
-        (Signal::TERM, "restart in", 3, 80),
-        (Signal::ABORT, "ended: signal", 1, 32),
-    ] {
+    for (signal, words, code, least) in
+        [(Signal::TERM, "restart in", 3, 80), (Signal::ABORT, "ended: signal", 1, 32)]
+    {
         let (reader, writer) = full_pipe();
         let mut command = setting.up_command(&options);
         let mut run = Running::start_into(&mut command, writer.into(), Stdio::piped());
@@ -61,8 +59,7 @@ fn a_reader_that_stands_still_loses_lines_at_the_sensors_pace_and_signals_end_th
     run.wait_until("all stages run", |run| run.stages().len() == 4);
     let what = "more frames came than may wait";
     run.wait_for_health(&setting.instance, what, |watch| {
-        let refiner = watch.of(Stage::Refiner);
-        refiner.is_some_and(|health| health.frames_out > 100)
+        watch.of(Stage::Refiner).is_some_and(|health| health.frames_out > 100)
     });
     run.replace("refiner", Signal::KILL);
     let finished = setting.stop(run);
@@ -114,8 +111,7 @@ fn signals_that_the_parent_ignores_change_nothing() {
     let mut command = Command::new("sh");
     command.args(["-c", "trap '' CHLD HUP; exec \"$0\" \"$@\""]);
     command.arg(mluc.get_program()).args(mluc.get_args());
-    let run = setting.finish(Running::start(&mut command));
-    run.assert_complete(0, 2);
+    setting.finish(Running::start(&mut command)).assert_complete(0, 2);
 }
 
 #[test]
@@ -129,8 +125,7 @@ fn a_supervisor_that_was_killed_is_followed_at_once_by_the_next() {
             send_signal(run.stage(stage), Signal::STOP);
         }
         run.signal(Signal::KILL);
-        let next = setting.run("");
-        next.assert_complete(0, 2);
+        setting.run("").assert_complete(0, 2);
         let all_gone = || !stages.iter().any(|(_, pid)| is_alive(*pid));
         assert!(wait_for(10 * SECOND, all_gone), "{stages:?}");
     }
@@ -144,8 +139,7 @@ fn a_stage_of_somebody_else_outlives_a_killed_supervisor_and_serves_the_next() {
     let refiner = setting.stage("refiner", &setting.instance);
     first.wait_for_lines(2);
     first.signal(Signal::KILL);
-    let second = setting.up("--without refiner").finish();
-    second.assert_complete(0, 2);
+    setting.up("--without refiner").finish().assert_complete(0, 2);
     refiner.stop().assert_ended(0, 0);
     assert_eq!(leftovers(&setting.instance), [""; 0]);
 }
@@ -201,8 +195,7 @@ fn a_service_manager_hears_that_the_run_is_ready_lives_and_ends() {
     let setting = Setting::new("notify", 2);
     let path = setting.folder.path().join("notify");
     let socket = UnixDatagram::bind(&path).expect("a socket");
-    let patience = socket.set_read_timeout(Some(30 * SECOND));
-    patience.expect("a timeout");
+    socket.set_read_timeout(Some(30 * SECOND)).expect("a timeout");
     let hear = || {
         let mut text = [0; 64];
         let count = socket.recv(&mut text).expect("a word in time");

@@ -5,8 +5,7 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 
 fn of_kind<'a>(list: &'a Value, kind: &str) -> Vec<&'a Value> {
-    let objects = list.as_array().unwrap().iter();
-    objects.filter(|object| object["kind"] == kind).collect()
+    list.as_array().unwrap().iter().filter(|object| object["kind"] == kind).collect()
 }
 
 fn tracks(objects: &[&Value]) -> BTreeSet<u64> {

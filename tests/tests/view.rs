@@ -34,8 +34,7 @@ fn a_recording_and_a_socket_tell_what_the_pipeline_told() {
         lines.extend(run.lines.iter().map(|line| format!("{line}\n")));
     }
     // Eight per pipeline: another site's page, another protocol, a request that is no HTTP, four texts and bytes that are no valid request.
-    view.stop()
-        .assert_says(&["a binary message", r#""refused":"16""#]);
+    view.stop().assert_says(&["a binary message", r#""refused":"16""#]);
     record.signal(Signal::TERM);
     setting.finish(record).assert_ended_well();
 

@@ -58,11 +58,8 @@ pub(crate) fn scatter(
 ) -> Scatter {
     let by_round = rounds.len() >= ROUNDS_MIN;
     let mut drawn: Vec<f64> = rounds.concat();
-    let blocks = if by_round {
-        rounds.len()
-    } else {
-        drawn.len().min(BLOCKS_PER_ROUND * rounds.len())
-    };
+    let blocks =
+        if by_round { rounds.len() } else { drawn.len().min(BLOCKS_PER_ROUND * rounds.len()) };
     let value = statistic.of(&mut drawn);
     let mut draw = |_| {
         drawn.clear();
@@ -76,12 +73,7 @@ pub(crate) fn scatter(
         }
         statistic.of(&mut drawn)
     };
-    Scatter {
-        value,
-        resampled: (0..resamples).map(&mut draw).collect(),
-        blocks,
-        by_round,
-    }
+    Scatter { value, resampled: (0..resamples).map(&mut draw).collect(), blocks, by_round }
 }
 
 /// The interval in which `b - a` lies with `confidence`; `a` and `b` were resampled independently. `start_scatter`: relative
@@ -95,9 +87,7 @@ pub(crate) fn interval(runs: [&Scatter; 2], confidence: f64, start_scatter: f64)
     let fewest = a.blocks.min(b.blocks).max(2) as f64;
     let seen = spread.powi(2) * fewest / (fewest - 1.0);
     let one_start = runs.into_iter().filter(|run| !run.by_round);
-    let unseen: f64 = one_start
-        .map(|run| (start_scatter * run.value).powi(2))
-        .sum();
+    let unseen: f64 = one_start.map(|run| (start_scatter * run.value).powi(2)).sum();
     let freedom = (a.blocks + b.blocks).max(4) as f64 - 2.0;
     let half = student(normal(0.5 + confidence / 2.0), freedom) * (seen + unseen).sqrt();
     (difference - half, difference + half)

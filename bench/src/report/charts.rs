@@ -94,9 +94,8 @@ const LANES: f64 = 5.5;
 /// The median frame and the slowest delivered frames on one scale: one lane per stage, waiting in a pale colour, computing in full colour.
 pub(crate) fn waterfall(frames: &[FrameRecord]) -> String {
     let measured = frames.iter().filter(|frame| !frame.is_warm_up);
-    let mut out: Vec<(f64, &FrameRecord)> = measured
-        .filter_map(|frame| Some((frame.delivered_us()? / 1000.0, frame)))
-        .collect();
+    let mut out: Vec<(f64, &FrameRecord)> =
+        measured.filter_map(|frame| Some((frame.delivered_us()? / 1000.0, frame))).collect();
     out.sort_by(|a, b| a.0.total_cmp(&b.0));
     let Some(&(slowest_ms, _)) = out.last() else {
         return String::new();
@@ -153,9 +152,8 @@ pub(crate) fn percentile_curves(series: &Series) -> String {
     let total = ("end to end", TOTAL_COLOR, &series.latency_us);
     let figures: Vec<_> = [total].into_iter().chain(runs_us).collect();
     let all = figures.iter().flat_map(|figure| figure.2);
-    let [least, most] = all.fold([f64::INFINITY, 0.0], |[least, most], us| {
-        [us.min(least), us.max(most)]
-    });
+    let [least, most] =
+        all.fold([f64::INFINITY, 0.0], |[least, most], us| [us.min(least), us.max(most)]);
     if least > most {
         return String::new();
     }

@@ -81,10 +81,8 @@ pub(crate) fn compare(runs: [&[FrameRecord]; 2], others: f64) -> Result<Comparis
         fewest >= FRAMES_MIN,
         "{fewest} measured frames: at least {FRAMES_MIN} are needed for a comparison"
     );
-    let rounds = runs.map(|frames| {
-        let rounds = frames.chunk_by(|a, b| a.round == b.round);
-        rounds.map(series).collect()
-    });
+    let rounds =
+        runs.map(|frames| frames.chunk_by(|a, b| a.round == b.round).map(series).collect());
     let figures = figures(&rounds);
     let judged = figures.iter().filter(|figure| figure.is_enough()).count();
     // Bonferroni correction: with this many rows, one would differ by chance.
@@ -93,11 +91,7 @@ pub(crate) fn compare(runs: [&[FrameRecord]; 2], others: f64) -> Result<Comparis
     let judge = |figure: Figure| figure.judge(confidence, others, &mut random);
     let rows: Vec<Row> = figures.into_iter().map(judge).collect();
     let differs = |row: &Row| matches!(row.verdict, Verdict::Lower | Verdict::Higher);
-    Ok(Comparison {
-        frames,
-        is_equal: !rows.iter().any(differs),
-        rows,
-    })
+    Ok(Comparison { frames, is_equal: !rows.iter().any(differs), rows })
 }
 
 fn figures(runs: &[Vec<Series>; 2]) -> Vec<Figure> {

@@ -21,19 +21,16 @@ pub(crate) fn write_frames(frames: &[FrameRecord]) -> String {
     let latency_us = series(frames).latency_us;
     let mut text = format!("{HEAD}\n");
     let us = |ns: i64| format!(",{:.3}", ns as f64 / 1000.0);
-    let own_us = |own: Stamps| {
-        let own_ns = [own.received_ns, own.started_ns, own.published_ns];
-        own_ns.map(us).concat()
-    };
+    let own_us = |own: Stamps| [own.received_ns, own.started_ns, own.published_ns].map(us).concat();
     for (frame, latency_us) in frames.iter().zip(latency_us) {
         let (round, sequence, flags) = (frame.round, frame.sequence, &frame.flags);
         let name = frame.name.replace([',', '"', '\n', '\r'], "");
         let phase = PHASES[usize::from(!frame.is_warm_up)];
         let outcome = OUTCOMES[usize::from(!frame.is_out())];
         let due = us(frame.due_ns);
-        let times = frame.stamps.map_or(",".repeat(13), |stamps| {
-            stamps.map(own_us).concat() + &us(frame.arrived_ns)
-        });
+        let times = frame
+            .stamps
+            .map_or(",".repeat(13), |stamps| stamps.map(own_us).concat() + &us(frame.arrived_ns));
         text += &format!(
             "{round},{sequence},{name},{phase},{outcome}{due}{times},{latency_us:.3},{flags}\n"
         );
@@ -44,10 +41,7 @@ pub(crate) fn write_frames(frames: &[FrameRecord]) -> String {
 /// The frames of a table that [`write_frames`] wrote.
 pub(crate) fn read_frames(text: &str) -> Result<Vec<FrameRecord>> {
     let head = text.lines().next().unwrap_or_default();
-    ensure!(
-        head == HEAD,
-        "frames.csv: expected the columns `{HEAD}`, found `{head:.200}`"
-    );
+    ensure!(head == HEAD, "frames.csv: expected the columns `{HEAD}`, found `{head:.200}`");
     let lines = text.lines().zip(1..).skip(1);
     let read = |(line, number): (&str, usize)| {
         read_frame(line).with_context(|| format!("frames.csv, line {number}"))
@@ -58,12 +52,10 @@ pub(crate) fn read_frames(text: &str) -> Result<Vec<FrameRecord>> {
 fn read_frame(line: &str) -> Result<FrameRecord> {
     let cells: Vec<&str> = line.split(',').collect();
     let (expected, found) = (HEAD.split(',').count(), cells.len());
-    let is_whole = found == expected;
-    ensure!(is_whole, "expected {expected} cells, found {found}");
+    ensure!(found == expected, "expected {expected} cells, found {found}");
     let ns = |column: usize| -> Result<i64> {
         let us: f64 = number(cells[column])?;
-        let is_time = us.abs() < 1e12;
-        ensure!(is_time, "expected a time in us below 1e12, found `{us}`");
+        ensure!(us.abs() < 1e12, "expected a time in us below 1e12, found `{us}`");
         Ok((us * 1000.0).round() as i64)
     };
     let is_out = is_first(cells[4], OUTCOMES)?;
@@ -93,8 +85,7 @@ fn number<T: FromStr>(cell: &str) -> Result<T> {
 
 fn is_first(cell: &str, [first, second]: [&str; 2]) -> Result<bool> {
     let wrong = || format!("expected {first} or {second}, found `{cell:.40}`");
-    let is_either = [first, second].contains(&cell);
-    is_either.then_some(cell == first).with_context(wrong)
+    [first, second].contains(&cell).then_some(cell == first).with_context(wrong)
 }
 
 #[cfg(test)]

@@ -66,8 +66,7 @@ pub(crate) fn report_of(frames: &[FrameRecord]) -> Value {
 /// The first frame after a start: the worst of all rounds, and its ratio to the median.
 fn first_frame(frames: &[FrameRecord], end_to_end_us: &Value, stages: &Value) -> Value {
     let worst = |of: &dyn Fn(&FrameRecord) -> Option<f64>| -> Option<f64> {
-        let firsts = frames.iter().filter(|frame| frame.sequence == 0);
-        firsts.filter_map(of).max_by(f64::total_cmp)
+        frames.iter().filter(|frame| frame.sequence == 0).filter_map(of).max_by(f64::total_cmp)
     };
     let over = |first_us: Option<f64>, steady_us: &Value| {
         let steady_us = number(steady_us, "/p50").filter(|us| *us > 0.0)?;
@@ -93,16 +92,14 @@ fn at(values: &[f64], q: f64) -> Option<f64> {
 
 /// Percentiles of any number of values; zeros without values.
 fn percentiles(values: &[f64]) -> Value {
-    let names = ["p50", "p90", "p99", "p999", "max"].into_iter();
-    let named = names.zip([0.5, 0.9, 0.99, 0.999, 1.0]);
+    let named = ["p50", "p90", "p99", "p999", "max"].into_iter().zip([0.5, 0.9, 0.99, 0.999, 1.0]);
     let value = |q: f64| at(values, q).unwrap_or(0.0);
     named.map(|(name, q)| (name, value(q))).collect()
 }
 
 /// Four values as an object.
 fn by_name(names: [&str; 4], value: impl Fn(usize) -> Value) -> Value {
-    let values = names.into_iter().enumerate();
-    values.map(|(index, name)| (name, value(index))).collect()
+    names.into_iter().enumerate().map(|(index, name)| (name, value(index))).collect()
 }
 
 /// A number of a report by its JSON pointer.

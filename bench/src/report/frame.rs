@@ -60,8 +60,7 @@ impl FrameRecord {
 }
 
 pub(crate) fn measured(frames: &[FrameRecord]) -> Vec<FrameRecord> {
-    let measured = frames.iter().filter(|frame| !frame.is_warm_up);
-    measured.cloned().collect()
+    frames.iter().filter(|frame| !frame.is_warm_up).cloned().collect()
 }
 
 /// Microseconds of a time difference; 0 if it is negative, as between stamps that a foreign stage left out or mixed up.
@@ -95,11 +94,6 @@ pub(crate) mod testing {
     }
 
     pub(crate) fn dropped(sequence: u64) -> FrameRecord {
-        FrameRecord {
-            name: String::new(),
-            stamps: None,
-            arrived_ns: 0,
-            ..frame(sequence, 0)
-        }
+        FrameRecord { name: String::new(), stamps: None, arrived_ns: 0, ..frame(sequence, 0) }
     }
 }

@@ -31,9 +31,7 @@ pub(crate) fn table(report: &Value) -> Result<String> {
 pub(crate) fn render(name: &str, template: &str, mut values: Value) -> Result<String> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Chainable);
-    environment.add_filter("short", |value: Option<f64>| {
-        value.map_or("-".to_string(), short)
-    });
+    environment.add_filter("short", |value: Option<f64>| value.map_or("-".to_string(), short));
     (values["stages"], values["hops"]) = (json!(STAGES), json!(HOPS));
     Ok(environment.render_named_str(name, template, Serde(values))? + "\n")
 }

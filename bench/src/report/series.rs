@@ -75,8 +75,7 @@ fn latencies(frames: &[FrameRecord]) -> (Vec<f64>, usize) {
 /// The last known time of a round, ns.
 fn end_ns(frames: &[FrameRecord], round: u32) -> i64 {
     let of_round = frames.iter().filter(|frame| frame.round == round);
-    let ends = of_round.map(|frame| frame.due_ns.max(frame.arrived_ns));
-    ends.max().unwrap_or(0)
+    of_round.map(|frame| frame.due_ns.max(frame.arrived_ns)).max().unwrap_or(0)
 }
 
 /// Hand-overs by topic, us. `None`: the consumer was busy, or this is not known because the frame before was dropped.

@@ -44,8 +44,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
 fn progress() -> ProgressBar {
     let style = ProgressStyle::with_template("[{bar:30}] {msg}");
     let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-    let bar = ProgressBar::new(100).with_finish(ProgressFinish::AndClear);
-    bar.with_style(style)
+    ProgressBar::new(100).with_finish(ProgressFinish::AndClear).with_style(style)
 }
 
 /// Shows the progress: `share` of the work is done, 0 to 1.

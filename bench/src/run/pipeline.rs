@@ -150,8 +150,7 @@ impl Recorder {
 impl Recording {
     /// Seconds since the first frame that arrived was due; `None`: none arrived yet.
     fn at_s(&self) -> Option<f64> {
-        let first = self.arrivals.first()?;
-        let due_ns = first.header.stages[Stage::Ingest as usize].received_ns;
+        let due_ns = self.arrivals.first()?.header.stages[Stage::Ingest as usize].received_ns;
         Some((monotonic_ns() as f64 - due_ns as f64) * 1e-9)
     }
 }

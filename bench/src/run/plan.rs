@@ -156,10 +156,8 @@ impl Plan {
         let optional = optional.flat_map(|(key, word)| word.iter().map(move |word| (key, word)));
         let threads = self.args.threads.iter().map(|word| ("--threads", word));
         let keys = ["--input", "--model", "--rate"].into_iter();
-        let given = keys.zip([&input, &self.model_name, &rate_hz]);
-        let options = given.chain(optional).chain(threads);
-        let words = options.flat_map(|(key, value)| [key.to_string(), value.clone()]);
-        words.collect()
+        let options = keys.zip([&input, &self.model_name, &rate_hz]).chain(optional).chain(threads);
+        options.flat_map(|(key, value)| [key.to_string(), value.clone()]).collect()
     }
 
     pub(crate) fn up_arguments(&self, instance: &str) -> Vec<String> {
@@ -242,8 +240,7 @@ fn find(program: &Path) -> Option<PathBuf> {
         return program.is_file().then(|| program.to_path_buf());
     }
     let path = std::env::var_os("PATH").unwrap_or_default();
-    let mut files = std::env::split_paths(&path).map(|folder| folder.join(program));
-    files.find(|file| file.is_file())
+    std::env::split_paths(&path).map(|folder| folder.join(program)).find(|file| file.is_file())
 }
 
 /// The refiner of the options (the first of two), else of the scenario, and the arguments of `mluc up` that select it. `file`: for a configuration.
@@ -263,9 +260,7 @@ fn refiner(args: &RunArgs, document: &Table, file: &Path) -> Result<(String, Vec
     let named = settings.and_then(|settings| settings.get("variant")?.as_str());
     let named = named.unwrap_or(RefinerVariant::default().name());
     let words = own.map(|words| words.iter().filter_map(toml::Value::as_str));
-    let name = words.map_or(named.to_string(), |words| {
-        words.collect::<Vec<_>>().join(" ")
-    });
+    let name = words.map_or(named.to_string(), |words| words.collect::<Vec<_>>().join(" "));
     let scenario = args.scenario.iter();
     let config = scenario.flat_map(|path| ["--config".to_string(), path.display().to_string()]);
     Ok((name, config.collect()))
@@ -278,9 +273,7 @@ fn check_refiner(word: &str) -> Result<()> {
         return Ok(());
     }
     let names = RefinerVariant::ALL.map(RefinerVariant::name).join(", ");
-    usage(format!(
-        "no refiner '{word}': there are {names}, or a program's command"
-    ))
+    usage(format!("no refiner '{word}': there are {names}, or a program's command"))
 }
 
 /// Writes the scenario's configuration with one of our refiners, or with a command, to `file`; returns the arguments of `mluc up` for it.

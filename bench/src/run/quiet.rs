@@ -24,10 +24,7 @@ pub(crate) struct Quiet {
 
 impl Quiet {
     pub(crate) fn new() -> Quiet {
-        Quiet {
-            load_before: load(),
-            ..Quiet::default()
-        }
+        Quiet { load_before: load(), ..Quiet::default() }
     }
 
     /// Watches a round. The round must end all of its processes: only then do the kernel's counters include them.
@@ -91,9 +88,7 @@ impl Quiet {
 fn now() -> Ticks {
     let own = Process::myself().and_then(|own| own.stat());
     // Includes its children that have ended.
-    let ours = own.map_or(0, |own| {
-        own.utime + own.stime + (own.cutime + own.cstime) as u64
-    });
+    let ours = own.map_or(0, |own| own.utime + own.stime + (own.cutime + own.cstime) as u64);
     let Ok(stats) = KernelStats::current() else {
         return Ticks::default();
     };
@@ -102,11 +97,5 @@ fn now() -> Ticks {
         [cpu.iowait, cpu.irq, cpu.softirq, cpu.steal].map(Option::unwrap_or_default);
     // `user` and `nice` already include the time of guests.
     let busy = cpu.user + cpu.nice + cpu.system + irq + softirq;
-    [
-        busy,
-        steal,
-        busy + cpu.idle + iowait + steal,
-        ours,
-        stats.ctxt,
-    ]
+    [busy, steal, busy + cpu.idle + iowait + steal, ours, stats.ctxt]
 }

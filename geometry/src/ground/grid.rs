@@ -55,14 +55,7 @@ struct Tile {
 const CORNERS: [usize; 4] = [0, 1, WIDTH, WIDTH + 1];
 /// Index steps from a node to the four of its eight neighbours that come later; pairs of corners, each with the number of the step between them.
 const NEXT: [usize; 4] = [WIDTH + 1, WIDTH, WIDTH - 1, 1];
-const PAIRS: [[usize; 3]; 6] = [
-    [0, 3, 0],
-    [0, 2, 1],
-    [1, 3, 1],
-    [1, 2, 2],
-    [0, 1, 3],
-    [2, 3, 3],
-];
+const PAIRS: [[usize; 3]; 6] = [[0, 3, 0], [0, 2, 1], [1, 3, 1], [1, 2, 2], [0, 1, 3], [2, 3, 3]];
 
 /// A node's row of the symmetric normal equations: the diagonal entry, the entries of the nodes at [`NEXT`], and the right-hand side.
 #[derive(Clone, Copy, Debug, Default)]
@@ -144,10 +137,8 @@ impl GroundGrid {
         let is_near = |[x, y, _]: &[f32; 3]| x.abs().max(y.abs()) <= COMMON_HALF_M;
         let is_in_circle = |[x, y, _]: &[f32; 3]| x * x + y * y < PLANE_RADIUS_M * PLANE_RADIUS_M;
         let near = self.points.iter().copied().filter(is_near);
-        let flat = GroundPlane::common(near, 0, COMMON_Z_M, COMMON_STEP_M).unwrap_or(GroundPlane {
-            z_m: -self.sensor_height_m,
-            slope: [0.0; 2],
-        });
+        let flat = GroundPlane::common(near, 0, COMMON_Z_M, COMMON_STEP_M)
+            .unwrap_or(GroundPlane { z_m: -self.sensor_height_m, slope: [0.0; 2] });
         let points = self.points.iter().copied().filter(is_in_circle);
         flat.fitted(points, &ABOVE_M, weight, SLOPE_COST)
     }

@@ -26,8 +26,7 @@ impl Lowest {
     /// The lowest point of every tile that a square (centre and half side, m) touches, in the last scan given to [`Lowest::find`].
     pub fn around(&self, center_m: [f64; 2], half_side_m: f64) -> impl Iterator<Item = [f32; 3]> {
         let tiles = tile_rows(center_m, half_side_m).filter_map(|row| self.0.get(row));
-        let points = tiles.flatten().copied();
-        points.filter(|point| point[2] < f32::INFINITY)
+        tiles.flatten().copied().filter(|point| point[2] < f32::INFINITY)
     }
 }
 

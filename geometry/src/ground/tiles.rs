@@ -19,11 +19,7 @@ pub fn tile_of([x, y, z]: [f32; 3]) -> u32 {
     // Comparisons with NaN are false. No short-circuit operators: branches that depend on the data cost more than comparisons.
     let side = 0.0..SIDE as f32;
     let inside = side.contains(&x) & side.contains(&y) & (z.abs() <= f32::MAX);
-    if inside {
-        whole(y) * SIDE as u32 + whole(x)
-    } else {
-        NO_TILE
-    }
+    if inside { whole(y) * SIDE as u32 + whole(x) } else { NO_TILE }
 }
 
 /// The integer part of a number from 0 to 2^23, by operations that the compiler can vectorize: adding 2^23 moves it into the low bits.

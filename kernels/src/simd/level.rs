@@ -88,8 +88,7 @@ impl Level {
 
     /// Every set of this processor, the fastest first; the last one is portable.
     pub fn all() -> Vec<Level> {
-        let kinds = KINDS.iter().filter(|(kind, _)| kind.exists());
-        kinds.map(|(kind, _)| Level(*kind)).collect()
+        KINDS.iter().filter(|(kind, _)| kind.exists()).map(|(kind, _)| Level(*kind)).collect()
     }
 
     /// Makes [`Level::best`] return this level in the whole program, to test and compare what other processors would run.

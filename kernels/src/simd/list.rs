@@ -97,12 +97,8 @@ impl Lists<'_> {
         self.at_tap(simd, tap);
         let (rows, place) = (self.rows, tap % GROUP);
         let last = GROUP.min(self.taps - (tap - place));
-        let counts = self.counts[place..last].iter();
-        let full = counts.take_while(|count| **count == rows);
-        Listed {
-            taps: full.count().max(1),
-            ..self.at_tap(simd, tap)
-        }
+        let full = self.counts[place..last].iter().take_while(|count| **count == rows);
+        Listed { taps: full.count().max(1), ..self.at_tap(simd, tap) }
     }
 
     /// The implementation of [`Simd::list`] for any processor.

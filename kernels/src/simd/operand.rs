@@ -187,11 +187,7 @@ impl Operand for u8 {
     }
 
     fn rounded(weight: f32, scale: f32) -> f32 {
-        if scale > 0.0 {
-            (weight / scale).round_ties_even()
-        } else {
-            0.0
-        }
+        if scale > 0.0 { (weight / scale).round_ties_even() } else { 0.0 }
     }
 
     fn pack(row: usize, cin: usize, scale: f32, weight: impl Fn(usize) -> f32) -> u32 {
@@ -254,9 +250,7 @@ impl Operand for i16 {
     }
 
     fn pack(row: usize, cin: usize, scale: f32, weight: impl Fn(usize) -> f32) -> u32 {
-        pair(row, cin, |channel| {
-            i16::rounded(weight(channel), scale) as i16 as u16
-        })
+        pair(row, cin, |channel| i16::rounded(weight(channel), scale) as i16 as u16)
     }
 
     #[inline(always)]

@@ -95,12 +95,7 @@ pub(crate) fn gradient_tiles<I: Operand<Sum = f32>, S: Simd>(
     let (cin, width) = (inputs.channels, outputs.width());
     assert_eq!(inputs.steps, outputs.steps, "steps of inputs and outputs");
     assert!(width <= stride && gradient.len() >= (cin - 1) * stride + width);
-    let tile = Gradient {
-        inputs,
-        outputs,
-        gradient: gradient.as_mut_ptr(),
-        stride,
-    };
+    let tile = Gradient { inputs, outputs, gradient: gradient.as_mut_ptr(), stride };
     // SAFETY: the table has a row for each input channel and `width` columns; `inputs` and `outputs` contain all values of
     // their steps, and `gradient` contains `cin` rows of `width` at `stride`.
     unsafe { cover(simd, cin, width, &tile) }

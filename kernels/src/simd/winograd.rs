@@ -55,20 +55,12 @@ impl Tiled for i16 {
 
     #[inline(always)]
     fn add<S: Simd, const MINUS: bool>(simd: S, a: S::Bits, b: S::Bits) -> S::Bits {
-        if MINUS {
-            simd.sub_shorts(a, b)
-        } else {
-            simd.add_shorts(a, b)
-        }
+        if MINUS { simd.sub_shorts(a, b) } else { simd.add_shorts(a, b) }
     }
 
     #[inline(always)]
     fn add_sums<S: Simd, const MINUS: bool>(simd: S, a: S::Bits, b: S::Bits) -> S::Bits {
-        if MINUS {
-            simd.sub_bits(a, b)
-        } else {
-            simd.add_bits(a, b)
-        }
+        if MINUS { simd.sub_bits(a, b) } else { simd.add_bits(a, b) }
     }
 }
 
@@ -124,8 +116,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
         let values = PLACES * tiles * cin;
         let lanes = S::LANES * I::STEP;
         assert!(cin >= lanes, "rows of {cin}");
-        let fits = values <= WINDOWS && tiles <= TILES_MAX;
-        assert!(fits, "{tiles} tiles, rows of {cin}");
+        assert!(values <= WINDOWS && tiles <= TILES_MAX, "{tiles} tiles, rows of {cin}");
         // ABSENT + 1 is 0.
         let ends = windows.iter().map(|row| row.wrapping_add(1));
         let (end, inputs) = (ends.fold(0, u32::max), input.len() / cin);
@@ -164,13 +155,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
                 }
             }
         }
-        Windows {
-            windows: to,
-            sums: sums.cast(),
-            tiles,
-            cin,
-            memory: PhantomData,
-        }
+        Windows { windows: to, sums: sums.cast(), tiles, cin, memory: PhantomData }
     }
 
     /// Computes the outputs of a panel: windows times weights at each place, transformed back, scaled, the bias added.
@@ -191,11 +176,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
         assert_eq!(weights.len(), PLACES * I::tap_rows(self.cin) * width);
         assert_eq!(rows.len(), 4 * self.tiles, "rows of {} tiles", self.tiles);
         assert!(scale.len() == width && bias.len() == width);
-        let products = WindowProducts {
-            windows: self,
-            weights,
-            width,
-        };
+        let products = WindowProducts { windows: self, weights, width };
         I::multiply_windows(level, products);
         self.transform_back(simd, (scale, bias), rows, output);
     }

@@ -52,14 +52,7 @@ pub fn convolve_winograd<I: Tiled, O: Element>(
     }
     let weights = &weights.0;
     epilogue.check(weights.cout);
-    Job {
-        level,
-        input,
-        tiles,
-        weights,
-        epilogue,
-    }
-    .strips(0..tiles.strips.len(), 0, output);
+    Job { level, input, tiles, weights, epilogue }.strips(0..tiles.strips.len(), 0, output);
 }
 
 struct Job<'a, I: Tiled> {
@@ -140,14 +133,7 @@ impl<I: Tiled, O: Element> Kernel for Chunk<'_, I, O> {
                 columns: channels,
                 floor: epilogue.floor(),
             };
-            windows.panel(
-                self.job.level,
-                simd,
-                weights.panel(panel),
-                factors,
-                rows,
-                &mut to,
-            );
+            windows.panel(self.job.level, simd, weights.panel(panel), factors, rows, &mut to);
         }
     }
 }

@@ -66,10 +66,8 @@ impl WinogradTiles {
                 }
                 self.window([top, left], [rows, columns]);
             }
-            self.strips.push(Strip {
-                tiles_end: self.count(),
-                rows_end: (top + 2).min(rows) * columns,
-            });
+            self.strips
+                .push(Strip { tiles_end: self.count(), rows_end: (top + 2).min(rows) * columns });
         }
     }
 
@@ -80,8 +78,7 @@ impl WinogradTiles {
 
     /// Number of tiles in the strips before this one.
     pub(super) fn before(&self, strip: usize) -> usize {
-        let last = strip.checked_sub(1).map(|last| self.strips[last].tiles_end);
-        last.unwrap_or(0)
+        strip.checked_sub(1).map(|last| self.strips[last].tiles_end).unwrap_or(0)
     }
 
     /// The input rows of the tile at `top`, `left`.

@@ -28,9 +28,7 @@ impl<I: Tiled> WeightsWinograd<I> {
         // G g: transforms three values of the kernel into four.
         let three_to_four = |[a, b, c]: [f64; 3]| [a, (a + b + c) / 2.0, (a - b + c) / 2.0, c];
         let pairs = cin * cout;
-        let scale = I::scales([9, cin, cout], |[tap, i, o]| {
-            plain[tap * pairs + i * cout + o]
-        });
+        let scale = I::scales([9, cin, cout], |[tap, i, o]| plain[tap * pairs + i * cout + o]);
         let mut transformed = vec![0.0; PLACES * pairs];
         for pair in 0..pairs {
             let scale = scale[pair % cout];

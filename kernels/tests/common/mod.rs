@@ -43,14 +43,12 @@ pub(crate) trait Input: Element + PartialEq + std::fmt::Debug {
     const TOLERANCE: f64 = 4e-6;
 
     fn inputs(random: &mut Random, count: usize) -> Vec<Self> {
-        let values = random.values(count).into_iter();
-        values.map(Self::from_f32).collect()
+        random.values(count).into_iter().map(Self::from_f32).collect()
     }
 
     /// The first `cout` weights are those that set the scale of each output channel.
     fn weights(random: &mut Random, count: usize, _cout: usize) -> Vec<f32> {
-        let rounded = Self::inputs(random, count).into_iter();
-        rounded.map(Self::to_f32).collect()
+        Self::inputs(random, count).into_iter().map(Self::to_f32).collect()
     }
 
     fn bias(random: &mut Random, cout: usize) -> Vec<f32> {
@@ -175,8 +173,7 @@ pub(crate) fn assert_near(found: &[f32], expected: &[f64], tolerance: f64, what:
     let scale = 1.0 + largest;
     for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
         let off = (f64::from(*found) - expected).abs();
-        let is_near = off <= tolerance * scale;
-        assert!(is_near, "{what}: value {i} is {found}, expected {expected}");
+        assert!(off <= tolerance * scale, "{what}: value {i} is {found}, expected {expected}");
     }
 }
 
@@ -190,6 +187,5 @@ pub(crate) fn assert_refused<R>(expected: &str, work: impl FnOnce() -> R) {
 
 /// Runs `work` on its own pool.
 pub(crate) fn with_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    pool.expect("a pool").install(work)
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool").install(work)
 }

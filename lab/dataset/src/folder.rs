@@ -20,11 +20,7 @@ impl Dataset {
         let inner = root.join("velodyne");
         let scans = if inner.is_dir() { &inner } else { root }.to_owned();
         let names = file_stems(&scans, "bin", "scans (*.bin)")?;
-        Ok(Dataset {
-            root: root.to_owned(),
-            scans,
-            names,
-        })
+        Ok(Dataset { root: root.to_owned(), scans, names })
     }
 
     /// As [`Dataset::open`], but with a split only the frames that `root/ImageSets/SPLIT.txt` names, in its order.

@@ -21,8 +21,7 @@ pub fn data_hash(dataset: &Dataset, frames: usize) -> Result<String> {
         }
         Ok(hash)
     };
-    let hashes = names.par_iter().enumerate().map(one);
-    let hashes: Vec<u64> = hashes.collect::<Result<_, _>>()?;
+    let hashes: Vec<u64> = names.par_iter().enumerate().map(one).collect::<Result<_, _>>()?;
     let add = |hash, frame: &u64| fnv1a(hash, &frame.to_le_bytes());
     let whole = hashes.iter().fold(FNV_OFFSET, add);
     Ok(format!("{whole:016x}"))

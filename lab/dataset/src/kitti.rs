@@ -4,17 +4,8 @@ use super::{Dataset, DatasetError, Result, error::Line, read_text, scan::check_s
 use std::path::{Path, PathBuf};
 
 /// Every class in KITTI's labels.
-pub const KITTI_CLASSES: [&str; 9] = [
-    "Car",
-    "Van",
-    "Truck",
-    "Pedestrian",
-    "Person_sitting",
-    "Cyclist",
-    "Tram",
-    "Misc",
-    "DontCare",
-];
+pub const KITTI_CLASSES: [&str; 9] =
+    ["Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc", "DontCare"];
 
 /// Class of synthetic unknown objects in label files.
 pub const SYNTHETIC_UNKNOWN: &str = "Synthetic_unknown";
@@ -29,8 +20,7 @@ pub fn unseen_classes() -> impl Iterator<Item = &'static str> {
 /// Whether a class is one of KITTI's or the simulator's, whatever the case of its letters.
 pub fn is_recognized(class: &str) -> bool {
     let known = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES);
-    let mut all = known.copied().chain(unseen_classes());
-    all.any(|known| known.eq_ignore_ascii_case(class))
+    known.copied().chain(unseen_classes()).any(|known| known.eq_ignore_ascii_case(class))
 }
 
 /// Location of the split lists of a benchmark folder.
@@ -54,8 +44,7 @@ impl Splits {
             places = folders.map(|root| root.join("ImageSets")).collect();
             places.dedup();
         }
-        let lists = places.iter();
-        let mut lists = lists.map(|place| place.join(format!("{split}.txt")));
+        let mut lists = places.iter().map(|place| place.join(format!("{split}.txt")));
         if let Some(list) = lists.find(|list| list.is_file()) {
             return Dataset::open_listed(root, &list);
         }
@@ -120,8 +109,7 @@ mod tests {
             splits.open("train")
         };
         let fault = open("", None).expect_err("no list").to_string();
-        let is_named = fault.contains("train.txt") && fault.contains("ImageSets");
-        assert!(is_named, "{fault}");
+        assert!(fault.contains("train.txt") && fault.contains("ImageSets"), "{fault}");
         assert_eq!(open("", Some("lists")).expect("a split").names(), ["2"]);
         std::fs::create_dir(folder.path().join("ImageSets")).expect("a folder");
         std::fs::write(folder.path().join("ImageSets/train.txt"), "1\n2\n").expect("written");

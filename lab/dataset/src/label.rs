@@ -78,8 +78,7 @@ pub fn read_detections(path: &Path) -> Result<Vec<Label>> {
 }
 
 fn parse(path: &Path, text: &str, scored: bool) -> Result<Vec<Label>> {
-    let lines = text.lines().enumerate();
-    let lines = lines.filter(|(_, line)| !line.trim().is_empty());
+    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     lines
         .map(|(index, line)| {
             let columns: Vec<&str> = line.split_whitespace().collect();
@@ -105,11 +104,9 @@ fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label> {
     let three = |first: usize| [0, 1, 2].map(|i| numbers[first + i]);
     let whole = |track: &&str| {
         let expected = "a whole number (a score is the last column of detections)";
-        let whole = track.parse::<i64>();
-        whole.map_err(|_| line.in_field("track", expected, track))
+        track.parse::<i64>().map_err(|_| line.in_field("track", expected, track))
     };
-    let track = columns[15..columns.len() - usize::from(scored)].first();
-    let track = track.map(whole).transpose()?;
+    let track = columns[15..columns.len() - usize::from(scored)].first().map(whole).transpose()?;
     let score = scored.then(|| number(columns.len() - 1, "score"));
     Ok(Label {
         class: columns[0].to_owned(),

@@ -54,8 +54,7 @@ pub fn prepare(options: &PrepareOptions, step: impl Fn() + Sync) -> Result<()> {
         step();
         Ok(kept.then(|| format!("{name}\n")))
     };
-    let kept = names.par_iter().map(one);
-    let kept: Vec<Option<String>> = kept.collect::<Result<_>>()?;
+    let kept: Vec<Option<String>> = names.par_iter().map(one).collect::<Result<_>>()?;
     let list: String = kept.into_iter().flatten().collect();
     if list.is_empty() {
         let expected = "frames without unknown objects";

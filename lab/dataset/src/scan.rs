@@ -17,8 +17,7 @@ pub fn read_scan(path: &Path) -> Result<Vec<[f32; 4]>> {
 
 /// The bytes of a scan's file.
 pub fn scan_bytes(points: &[[f32; 4]]) -> Vec<u8> {
-    let values = points.as_flattened().iter();
-    values.flat_map(|value| value.to_le_bytes()).collect()
+    points.as_flattened().iter().flat_map(|value| value.to_le_bytes()).collect()
 }
 
 /// Checks that a scan is a whole number of points, without reading the file.

@@ -11,22 +11,12 @@ use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
 /// Range bins, m: the end of each, and its name.
-const RANGES_M: [(f64, &str); 4] = [
-    (15.0, "0-15 m"),
-    (30.0, "15-30 m"),
-    (45.0, "30-45 m"),
-    (f64::INFINITY, "45 m on"),
-];
+const RANGES_M: [(f64, &str); 4] =
+    [(15.0, "0-15 m"), (30.0, "15-30 m"), (45.0, "30-45 m"), (f64::INFINITY, "45 m on")];
 
 /// Bins by rings on an object: the maximum, and the name.
-const RINGS: [(usize, &str); 6] = [
-    (0, "0"),
-    (1, "1"),
-    (2, "2"),
-    (4, "3-4"),
-    (8, "5-8"),
-    (usize::MAX, "9 on"),
-];
+const RINGS: [(usize, &str); 6] =
+    [(0, "0"), (1, "1"), (2, "2"), (4, "3-4"), (8, "5-8"), (usize::MAX, "9 on")];
 
 /// Distance of a box in the ground plane, m. Upright boxes are relative to the camera, which is close to the sensor.
 pub(crate) fn range_m(upright: &Box3) -> f64 {
@@ -49,8 +39,7 @@ impl Breakdown {
     pub fn by_range(frames: &[LabelledFrame], rules: &[ClassRule]) -> Breakdown {
         let bin = |label: &Label| {
             let range_m = range_m(&label.camera_box.upright());
-            let bin = RANGES_M.iter().position(|(end, _)| range_m < *end);
-            bin.unwrap_or(3)
+            RANGES_M.iter().position(|(end, _)| range_m < *end).unwrap_or(3)
         };
         let binned = frames.iter().map(|frame| {
             [&frame.labels[..], &frame.detections].map(|all| all.iter().map(bin).collect())
@@ -89,11 +78,7 @@ impl Breakdown {
             let entries = (0..bins.len()).map(|bin| entry(rule, bin));
             (rule.name.clone(), entries.collect())
         };
-        Breakdown {
-            by,
-            bins: bins.to_vec(),
-            classes: rules.iter().map(class).collect(),
-        }
+        Breakdown { by, bins: bins.to_vec(), classes: rules.iter().map(class).collect() }
     }
 
     /// `{"car": {"0-15 m": {"labels": .., "ap_r40": .., "ap_all": .., "recall": ..}, ..}, ..}`, percent.
@@ -137,16 +122,12 @@ mod tests {
         let rules = [ClassRule::known("car", 0.5)];
         let by_range = Breakdown::by_range(&frames, &rules);
         let figures = |b: &Breakdown| -> Vec<(usize, f64)> {
-            let entries = b.classes[0].1.iter();
-            entries.map(|e| (e.truth_count, e.ap.all)).collect()
+            b.classes[0].1.iter().map(|e| (e.truth_count, e.ap.all)).collect()
         };
         let expected = [(1, 100.0), (1, 100.0), (0, 0.0), (0, 0.0)];
         assert_eq!(figures(&by_range), expected);
         // The ghost has as many rings as the far car, and a higher score.
-        let rings = [FrameRings {
-            labels: vec![8, 1],
-            detections: vec![9, 0, 1],
-        }];
+        let rings = [FrameRings { labels: vec![8, 1], detections: vec![9, 0, 1] }];
         let by_rings = Breakdown::by_rings(&frames, &rings, &rules);
         let mut expected = [(0, 0.0); 6];
         (expected[1], expected[4]) = ((1, 50.0), (1, 100.0));

@@ -91,8 +91,7 @@ impl Curve {
     /// Hits and false alarms when the detections at or above a score take part.
     pub(crate) fn counts_at(&self, score_min: f64) -> (i64, i64) {
         let count = self.steps.partition_point(|step| step.0 >= score_min);
-        let last = self.steps[..count].last();
-        last.map_or((0, 0), |step| (step.1, step.2))
+        self.steps[..count].last().map_or((0, 0), |step| (step.1, step.2))
     }
 
     /// The lowest score at or above which there are at most `false_alarms_max` false alarms; `None` where even the highest score has more.
@@ -106,11 +105,7 @@ impl Curve {
         let precision = self.precision_at_positions();
         let r11: f64 = precision.iter().step_by(4).sum::<f64>() / 11.0;
         let r40: f64 = precision[1..].iter().sum::<f64>() / 40.0;
-        AveragePrecision {
-            r11: 100.0 * r11,
-            r40: 100.0 * r40,
-            all: 100.0 * self.area(),
-        }
+        AveragePrecision { r11: 100.0 * r11, r40: 100.0 * r40, all: 100.0 * self.area() }
     }
 
     /// The devkit's thresholds: the hit scores at which the recall is nearest to each position.

@@ -93,12 +93,8 @@ impl JudgedFrames {
         let of_kind = |kind| rules.iter().filter(move |rule| rule.kind == kind);
         let known_rules: Vec<ClassRule> = of_kind(ObjectKind::Known).cloned().collect();
         let unknown = of_kind(ObjectKind::Unknown).take(1);
-        let at_each_overlap = |rule: &ClassRule| {
-            UNKNOWN_IOUS.map(|iou_min| ClassRule {
-                iou_min,
-                ..rule.clone()
-            })
-        };
+        let at_each_overlap =
+            |rule: &ClassRule| UNKNOWN_IOUS.map(|iou_min| ClassRule { iou_min, ..rule.clone() });
         let unknown_rules: Vec<ClassRule> = unknown.flat_map(at_each_overlap).collect();
         let matched = |frame: &LabelledFrame, rules: &[ClassRule]| {
             let one = |rule| match_frame(frame, rule, Metric::Space, Difficulty::Moderate, None);
@@ -109,10 +105,7 @@ impl JudgedFrames {
             unknown: matched(frame, &unknown_rules),
             unknown_as_known: unknown_as_known(std::slice::from_ref(frame), &unknown_rules),
         });
-        JudgedFrames {
-            frames: judged.collect(),
-            known_rules,
-        }
+        JudgedFrames { frames: judged.collect(), known_rules }
     }
 
     /// Figures of all frames.

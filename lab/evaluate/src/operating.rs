@@ -96,10 +96,7 @@ impl Operating {
     /// Evaluates frames in order of their drives; `drives` has the number of frames of each.
     pub fn of(frames: &[LabelledFrame], drives: &[usize], rules: &[ClassRule]) -> Operating {
         let judged = frames.par_iter().map(|frame| judge(frame, rules));
-        Operating {
-            frames: judged.collect(),
-            draws: draws(drives),
-        }
+        Operating { frames: judged.collect(), draws: draws(drives) }
     }
 
     /// First the published objects, then the points at the lowest scores that leave at most the given numbers of objects per scan on no label. These
@@ -120,8 +117,7 @@ impl Operating {
 
     /// The lowest score at which the upper 95 % bound of the objects per scan on no label is at most `false_a_scan`.
     pub fn safe_score_min(&self, kind: ObjectKind, false_a_scan: f64) -> f32 {
-        let draws = self.draws.iter();
-        let of_draws = draws.map(|draw| self.score_min(draw, kind, false_a_scan));
+        let of_draws = self.draws.iter().map(|draw| self.score_min(draw, kind, false_a_scan));
         // A model's scores are 0 to 1.
         quantile_of(of_draws.collect(), 0.95).map_or(0.0, |score| score.clamp(0.0, 1.0) as f32)
     }
@@ -144,8 +140,7 @@ impl Operating {
         let counts: Vec<Counts> = frames.map(|frame| frame.counts(kind, score_min)).collect();
         let sums = |draw: &[usize]| {
             draw.iter().fold([0.0; 7], |mut sums, &at| {
-                let pairs = sums.iter_mut().zip(counts[at]);
-                pairs.for_each(|(sum, count)| *sum += count);
+                sums.iter_mut().zip(counts[at]).for_each(|(sum, count)| *sum += count);
                 sums
             })
         };
@@ -180,10 +175,7 @@ impl Operating {
             let bands = (0..BANDS_M.len()).filter(|_| is_labelled).map(band);
             bands.filter(|band| !band.steps.is_empty()).collect()
         };
-        Probabilities {
-            known: bands(ObjectKind::Known),
-            unknown: bands(ObjectKind::Unknown),
-        }
+        Probabilities { known: bands(ObjectKind::Known), unknown: bands(ObjectKind::Unknown) }
     }
 
     /// The calibration errors of scores of at least `score_min`, and of their probabilities from a table; `None` without objects.
@@ -196,8 +188,7 @@ impl Operating {
         let score = |o: &Judged| Some(o.score).filter(|score| *score >= score_min.into());
         let told = |o: &Judged| {
             let is_known = kind == ObjectKind::Known;
-            let told = table.of(is_known, o.range_m as f32, score(o)? as f32);
-            told.map(f64::from)
+            table.of(is_known, o.range_m as f32, score(o)? as f32).map(f64::from)
         };
         let scores = self.reliability(kind, score);
         [scores, self.reliability(kind, told)].map(|of| of["calibration_error"].as_f64())
@@ -211,14 +202,12 @@ impl Operating {
         for (object, value) in told {
             let tenth = &mut tenths[((10.0 * value) as usize).min(9)];
             let found = [1.0, value, f64::from(u8::from(object.is_right()))];
-            let pairs = tenth.iter_mut().zip(found);
-            pairs.for_each(|(sum, one)| *sum += one);
+            tenth.iter_mut().zip(found).for_each(|(sum, one)| *sum += one);
         }
         let count: f64 = tenths.iter().map(|tenth| tenth[0]).sum();
         let gaps = tenths.iter().map(|[_, value, hits]| (value - hits).abs());
         let error = (count > 0.0).then(|| gaps.sum::<f64>() / count);
-        let rows = tenths.iter().enumerate();
-        let rows = rows.filter(|(_, tenth)| tenth[0] > 0.0);
+        let rows = tenths.iter().enumerate().filter(|(_, tenth)| tenth[0] > 0.0);
         let rows = rows.map(|(at, [objects, value, hits])| {
             let from = at as f64 / 10.0;
             json!({"from": from, "objects": objects, "mean": value / objects, "on_own_label": hits / objects})
@@ -265,8 +254,7 @@ impl Operating {
 
 impl FrameOutcome {
     fn counts(&self, kind: ObjectKind, score_min: f64) -> Counts {
-        let objects = self.objects.iter();
-        let objects = objects.filter(|o| o.kind == kind && o.score >= score_min);
+        let objects = self.objects.iter().filter(|o| o.kind == kind && o.score >= score_min);
         let on = |place| objects.clone().filter(|o| o.place == place).count() as f64;
         let curves = self.curves.iter().filter(|(of, _)| *of == kind);
         let curve = Curve::of(curves.map(|(_, curve)| curve));
@@ -301,8 +289,7 @@ pub(crate) fn counted(frame: &LabelledFrame) -> LabelledFrame {
     let labels: Arc<[Label]> = frame.labels.iter().filter(is_near).cloned().collect();
     let is_found = |d: &&Label| labels.iter().any(|label| is_on(d, label));
     let counts = |d: &&Label| is_found(d) || is_near(d) && is_labelled(d);
-    let detections = frame.detections.iter().filter(counts);
-    let detections = detections.cloned().collect();
+    let detections = frame.detections.iter().filter(counts).cloned().collect();
     LabelledFrame { labels, detections }
 }
 
@@ -374,8 +361,7 @@ pub(crate) fn lies_on(
 ) -> Place {
     let around = frame.labels.iter().filter(|label| is_on(detection, label));
     let places = around.map(|label| {
-        let mut rules = rules.iter();
-        let rule = rules.find(|rule| rule.label_counts(label) == Some(true));
+        let rule = rules.iter().find(|rule| rule.label_counts(label) == Some(true));
         rule.map_or(Place::Other, |rule| Place::On(rule.kind))
     });
     let rank = |place: &Place| (*place != Place::On(own), *place == Place::Other);
@@ -396,10 +382,7 @@ mod tests {
 
     fn rules() -> [ClassRule; 2] {
         let unknown = ["van".to_owned(), "truck".to_owned()];
-        [
-            ClassRule::known("car", 0.5),
-            ClassRule::unknown(&unknown, 0.1, UnknownProtocol::Literal),
-        ]
+        [ClassRule::known("car", 0.5), ClassRule::unknown(&unknown, 0.1, UnknownProtocol::Literal)]
     }
 
     /// Name, and all figures except the one per hour.
@@ -486,8 +469,7 @@ mod tests {
         assert!((told(20.0, 0.2) - 0.25).abs() < 0.05 && told(39.9, 0.9) > 0.95);
         assert!(told(50.0, 0.9) < 0.01);
         let [score, probability] = judged.calibration_errors(ObjectKind::Unknown, 0.0, &table);
-        let is_better = score > Some(0.2) && probability < Some(0.05);
-        assert!(is_better, "{score:?} {probability:?}");
+        assert!(score > Some(0.2) && probability < Some(0.05), "{score:?} {probability:?}");
         let known = judged.calibration_errors(ObjectKind::Known, 0.0, &table);
         assert_eq!(known, [None; 2]);
         let of_one_score = [false, true].map(|is_right| [(0.9, is_right); POOL]);

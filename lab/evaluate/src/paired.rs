@@ -28,13 +28,10 @@ pub fn paired(pair: [&[LabelledFrame]; 2], rules: &[ClassRule]) -> Value {
         let (all, labels) = figures(&(0..count).collect::<Vec<_>>());
         // A resample without a label has no AP.
         let drawn = draws.par_iter().map(|draw| figures(draw));
-        let drawn = drawn.filter_map(|(of, labels)| (labels > 0).then_some(of));
-        let drawn: Vec<_> = drawn.collect();
+        let drawn: Vec<_> = drawn.filter_map(|(of, labels)| (labels > 0).then_some(of)).collect();
         let bound = |at: usize, share| quantile_of(drawn.iter().map(|d| d[at]).collect(), share);
         let of = |at| json!([all[at], bound(at, 0.025), bound(at, 0.975)]);
         json!({"class": rule.name, "difficulty": difficulty.name(), "labels": labels, "ap": of(0), "ap_beside": of(1), "difference": of(2)})
     };
-    let levels = rules.iter();
-    let levels = levels.flat_map(|rule| Difficulty::ALL.map(|level| (rule, level)));
-    levels.map(one).collect()
+    rules.iter().flat_map(|rule| Difficulty::ALL.map(|level| (rule, level))).map(one).collect()
 }

@@ -54,8 +54,7 @@ pub struct ApReport {
 impl ApReport {
     /// The known classes.
     pub fn known(&self) -> impl Iterator<Item = &ClassReport> {
-        let classes = self.classes.iter();
-        classes.filter(|class| class.rule.kind == ObjectKind::Known)
+        self.classes.iter().filter(|class| class.rule.kind == ObjectKind::Known)
     }
 
     /// Mean AP of the known classes that have labels (3D boxes, moderate).
@@ -66,8 +65,7 @@ impl ApReport {
 
     /// The unknown class, where an unknown group was requested.
     pub fn unknown(&self) -> Option<&ClassReport> {
-        let mut classes = self.classes.iter();
-        classes.find(|class| class.rule.kind == ObjectKind::Unknown)
+        self.classes.iter().find(|class| class.rule.kind == ObjectKind::Unknown)
     }
 
     /// `{"car/3d/moderate": {"ap_r11": .., "ap_r40": .., "ap_all": ..}, ..}`, with the open-set figures at the top level where there are any, in percent.
@@ -130,13 +128,10 @@ pub fn evaluate(frames: &[LabelledFrame], rules: &[ClassRule]) -> ApReport {
         rule: rule.clone(),
         entries: Metric::ALL.map(|metric| Difficulty::ALL.map(|d| entry(rule, metric, d))),
     });
-    ApReport {
-        classes: classes.collect(),
-    }
+    ApReport { classes: classes.collect() }
 }
 
 /// Renders a built-in template with its values.
 pub fn render(template: &str, values: Value) -> String {
-    let text = Environment::new().render_str(template, Serde(values));
-    text.expect("a template that fits its values")
+    Environment::new().render_str(template, Serde(values)).expect("a template that fits its values")
 }

@@ -104,8 +104,7 @@ mod tests {
                 let gap_deg = gap_deg(&points);
                 for object in &frame.objects {
                     let shape = object.box_in_sensor;
-                    let hits = frame.points.iter().zip(&beams);
-                    let hits = hits.filter(|(p, _)| shape.has_point(p));
+                    let hits = frame.points.iter().zip(&beams).filter(|(p, _)| shape.has_point(p));
                     let mut hits: Vec<usize> = hits.map(|(_, beam)| *beam).collect();
                     hits.dedup();
                     let found = count_rings(&shape, &points, gap_deg);

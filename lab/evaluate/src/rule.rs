@@ -118,12 +118,7 @@ pub struct RuleRequest {
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     pub unknown: Vec<String>,
     /// Overlap of the unknown class; the paper asks for 0.1.
-    #[arg(
-        long = "unknown-iou",
-        default_value_t = 0.1,
-        value_name = "IOU",
-        requires = "unknown"
-    )]
+    #[arg(long = "unknown-iou", default_value_t = 0.1, value_name = "IOU", requires = "unknown")]
     pub unknown_iou_min: f64,
     /// What may be found besides labels of these classes.
     #[arg(skip)]
@@ -131,8 +126,7 @@ pub struct RuleRequest {
 }
 
 fn class_overlap(text: &str) -> std::result::Result<(String, f64), String> {
-    let pair = text.split_once('=');
-    let pair = pair.filter(|(class, _)| !class.trim().is_empty());
+    let pair = text.split_once('=').filter(|(class, _)| !class.trim().is_empty());
     pair.and_then(|(class, iou)| Some((class.trim().to_owned(), iou.trim().parse().ok()?)))
         .ok_or_else(|| format!("expected CLASS=IOU such as car=0.5, found '{text}'"))
 }
@@ -214,11 +208,9 @@ fn checked(class: &str, iou_min: f64) -> Result<f64> {
 
 /// The requested overlap, else KITTI's, else 0.7 for trucks and vans and 0.5 for others.
 fn overlap_of(class: &str, asked: &[(String, f64)]) -> f64 {
-    let asked = asked.iter().map(|(name, iou)| (name.as_str(), *iou));
-    let known = asked.chain(KITTI_CLASSES);
+    let known = asked.iter().map(|(name, iou)| (name.as_str(), *iou)).chain(KITTI_CLASSES);
     let mut known = known.chain([("truck", 0.7), ("van", 0.7)]);
-    let found = known.find(|(name, _)| name.eq_ignore_ascii_case(class));
-    found.map_or(0.5, |(_, iou)| iou)
+    known.find(|(name, _)| name.eq_ignore_ascii_case(class)).map_or(0.5, |(_, iou)| iou)
 }
 
 /// Labelled classes that KITTI does not ignore.
@@ -230,23 +222,20 @@ fn labelled(frames: &[LabelledFrame]) -> BTreeSet<String> {
 }
 
 fn is_judged(class: &str, rules: &[ClassRule]) -> bool {
-    let mut rules = rules.iter();
-    rules.any(|rule| contains(&rule.valid, class) || contains(&rule.ignored, class))
+    rules.iter().any(|rule| contains(&rule.valid, class) || contains(&rule.ignored, class))
 }
 
 /// Classes of labels that no rule covers and that are neither KITTI's nor the simulator's, in alphabetical order: probably misspelt.
 pub fn unrecognized<'a>(all: impl Iterator<Item = &'a Label>, rules: &[ClassRule]) -> Vec<String> {
     let classes: BTreeSet<&str> = all.map(|label| label.class.as_str()).collect();
     let unrecognized = |class: &&str| !is_recognized(class) && !is_judged(class, rules);
-    let classes = classes.into_iter().filter(unrecognized);
-    classes.map(str::to_owned).collect()
+    classes.into_iter().filter(unrecognized).map(str::to_owned).collect()
 }
 
 /// Labelled classes that no rule covers and that KITTI does not ignore, in alphabetical order: their labels count as background,
 /// which may not be intended.
 pub fn unevaluated(frames: &[LabelledFrame], rules: &[ClassRule]) -> Vec<String> {
-    let classes = labelled(frames).into_iter();
-    classes.filter(|class| !is_judged(class, rules)).collect()
+    labelled(frames).into_iter().filter(|class| !is_judged(class, rules)).collect()
 }
 
 #[cfg(test)]
@@ -269,10 +258,7 @@ mod tests {
     fn misspelt_classes_are_unrecognized() {
         let classes = ["Car", "Carr", "golf_cart", "DontCare", "Barrier", "Carr"];
         let frames = frames(&classes, &[]);
-        let request = RuleRequest {
-            unknown: vec!["barrier".to_owned()],
-            ..RuleRequest::default()
-        };
+        let request = RuleRequest { unknown: vec!["barrier".to_owned()], ..RuleRequest::default() };
         let rules = rules(&request, &frames).expect("rules");
         assert_eq!(unrecognized(frames[0].labels.iter(), &rules), ["Carr"]);
         let others = unrecognized(frames[0].labels.iter(), &[]);
@@ -292,19 +278,11 @@ mod tests {
             ..RuleRequest::default()
         };
         let found = rules(&request, &frames).expect("rules");
-        let expected = [
-            ("car", 0.5),
-            ("pedestrian", 0.5),
-            ("cyclist", 0.5),
-            ("truck", 0.7),
-            ("unknown", 0.1),
-        ];
+        let expected =
+            [("car", 0.5), ("pedestrian", 0.5), ("cyclist", 0.5), ("truck", 0.7), ("unknown", 0.1)];
         assert_eq!(names(&found), expected);
         assert_eq!(unevaluated(&frames, &found), ["bus"]);
-        let request = RuleRequest {
-            classes: vec!["Van".into()],
-            ..RuleRequest::default()
-        };
+        let request = RuleRequest { classes: vec!["Van".into()], ..RuleRequest::default() };
         let found = rules(&request, &frames).expect("rules");
         assert_eq!(names(&found), [("van", 0.7)]);
     }

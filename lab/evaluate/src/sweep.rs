@@ -90,8 +90,7 @@ pub struct Honest {
 pub fn honest(points: &[JudgedPoint]) -> Option<Honest> {
     points.first()?;
     let [even, odd] = [0, 1].map(|half| {
-        let points = points.iter();
-        let of_half = points.map(|p| SweepPoint::of(p.threshold, &p.halves[half]));
+        let of_half = points.iter().map(|p| SweepPoint::of(p.threshold, &p.halves[half]));
         best_index(&of_half.collect::<Vec<_>>())
     });
     let of_even = points[odd].halves[0].named().into_iter();

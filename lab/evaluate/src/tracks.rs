@@ -94,10 +94,7 @@ mod tests {
     fn a_track_is_one_alarm_and_a_label_is_found_once() {
         let van = ["van".to_owned()];
         let rules = [ClassRule::unknown(&van, 0.1, UnknownProtocol::Literal)];
-        let numbered = |label: Label, track| Label {
-            track: Some(track),
-            ..label
-        };
+        let numbered = |label: Label, track| Label { track: Some(track), ..label };
         let scan = |i: u32| {
             let labels = [(10.0, 0), (30.0, 1)].map(|(x_m, n)| numbered(label("Van", x_m), n));
             // Track 4 is on the first van in every other scan, track 5 is on nothing in most; the last object has no track.
@@ -112,13 +109,8 @@ mod tests {
         };
         let frames: Vec<LabelledFrame> = (0..6).map(scan).collect();
         let found = Tracks::of(&frames, &[6], &rules).expect("tracks");
-        let expected = Tracks {
-            tracks: 4,
-            on_no_label: 3,
-            on_no_label_a_minute: 300.0,
-            labels: 2,
-            found: 2,
-        };
+        let expected =
+            Tracks { tracks: 4, on_no_label: 3, on_no_label_a_minute: 300.0, labels: 2, found: 2 };
         assert_eq!(found, expected);
         // The same ids in another drive are other objects.
         let two = Tracks::of(&frames, &[3, 3], &rules).expect("tracks");

@@ -32,10 +32,7 @@ fn synthetic_unknown(set: &FrameSet, dataset: &Dataset, classes: &[String]) -> V
             };
             detection(shape, class.unwrap_or(0), 0.9 - noise, e)
         });
-        DetectedFrame {
-            truth: set.truth(index).expect("labels"),
-            detections: kept.collect(),
-        }
+        DetectedFrame { truth: set.truth(index).expect("labels"), detections: kept.collect() }
     };
     (0..set.names().len()).map(frame).collect()
 }
@@ -136,13 +133,7 @@ impl Fixture {
         let set = FrameSet::open(&root, Some("val"), usize::MAX).expect("frames");
         let dataset = Dataset::open(&root).expect("scans");
         let frames = synthetic_unknown(&set, &dataset, &model.manifest.class_names());
-        Fixture {
-            folder,
-            path,
-            model,
-            set,
-            frames,
-        }
+        Fixture { folder, path, model, set, frames }
     }
 
     fn judge(&self, model: &Model) -> ModelJudgement {
@@ -175,8 +166,7 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
     assert!(judged.unknown_labels() > 0);
     assert_eq!(judged.unknown_as_known, judged.unknown_labels());
     let e = &judged.separation[0];
-    let is_clear = e.auroc > Some(0.99) && e.known > 40 && e.unknown > 0;
-    assert!(is_clear, "{e:?}");
+    assert!(e.auroc > Some(0.99) && e.known > 40 && e.unknown > 0, "{e:?}");
     let best = swept[best_index(&swept)];
     assert!((1.1..=1.81).contains(&best.threshold), "{best:?}");
     assert!(best.recall_unknown > 30.0, "{best:?}");

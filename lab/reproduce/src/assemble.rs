@@ -19,10 +19,8 @@ const FIGURE_6: &str = "Figure 6: the frame with most unknown objects within 32 
 /// Writes all files of the report, and returns the page's path.
 pub(crate) fn write_report(options: &Options, tests: &Tests, tell: &dyn Screen) -> Result<PathBuf> {
     let layout = &options.layout();
-    let mut report = ReproductionReport {
-        provenance: provenance(options),
-        ..ReproductionReport::default()
-    };
+    let mut report =
+        ReproductionReport { provenance: provenance(options), ..ReproductionReport::default() };
     let mut by_setting = Vec::new();
     for test in tests.values() {
         let name = test.setting.name().to_owned();
@@ -82,8 +80,7 @@ fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow> {
             if layout.model_of(run).is_file() {
                 let key = key(&read_model(layout, run)?, test);
                 let path = layout.evaluation_of(setting, &row.key, seed);
-                let seeds = found.entry(&row.key).or_default();
-                seeds.extend(Evaluated::read(&path, &key));
+                found.entry(&row.key).or_default().extend(Evaluated::read(&path, &key));
             }
         }
     }
@@ -138,8 +135,7 @@ fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Value>
             }));
         }
     }
-    let known = labels.classes.into_iter();
-    let known: BTreeMap<_, _> = known.map(|c| (c.class, c.labels)).collect();
+    let known: BTreeMap<_, _> = labels.classes.into_iter().map(|c| (c.class, c.labels)).collect();
     Ok(json!({
         "unknown_labels": labels.unknown_labels, "known_labels": known,
         "data": data(options, test)?, "networks": networks, "ablation": ablation(options, test)?,

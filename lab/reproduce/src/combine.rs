@@ -16,9 +16,7 @@ pub(crate) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
         for (name, value) in seeds.iter().flat_map(of) {
             values.entry(name).or_default().push(value);
         }
-        let values = values.into_iter();
-        let with_spread = values.map(|(name, v)| (name, mean_and_spread(&v)));
-        with_spread.collect()
+        values.into_iter().map(|(name, v)| (name, mean_and_spread(&v))).collect()
     };
     let (spread, figures) = if seeds.len() > 1 {
         (SpreadKind::Seeds, over_seeds(&Evaluated::named))
@@ -37,8 +35,7 @@ pub(crate) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
         seeds: seeds.iter().map(|e| e.seed).collect(),
         thresholds: seeds.iter().map(|e| e.threshold).collect(),
         classes: over_seeds(&|e| {
-            let classes = e.figures.classes.iter();
-            classes.map(|c| (c.class.clone(), c.ap.r40)).collect()
+            e.figures.classes.iter().map(|c| (c.class.clone(), c.ap.r40)).collect()
         }),
         honest: over_seeds(&|e| {
             let honest = e.honest.iter().flat_map(|h| &h.figures);
@@ -54,10 +51,7 @@ mod tests {
     use super::*;
 
     fn evaluated(seed: u64, map_known: f64) -> Evaluated {
-        let point = |map_known: f64| SweepPoint {
-            map_known,
-            ..SweepPoint::default()
-        };
+        let point = |map_known: f64| SweepPoint { map_known, ..SweepPoint::default() };
         let mut evaluated = Evaluated {
             seed,
             bootstrap: [("map_known".to_owned(), [map_known, 0.7])].into(),

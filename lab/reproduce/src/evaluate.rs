@@ -64,8 +64,7 @@ pub(crate) fn evaluate_network(
     }
     let file = layout.model_of(run);
     for (_, method, _) in &missing {
-        let checked = method.check(&model);
-        checked.map_err(|cause| EvaluateError::file(&file, cause))?;
+        method.check(&model).map_err(|cause| EvaluateError::file(&file, cause))?;
     }
     screen.count("network", test.set.names().len() as u64);
     let frames = detect_frames(Precision::default(), &model, &test.set, || screen.tick())?;

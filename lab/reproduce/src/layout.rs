@@ -46,8 +46,7 @@ impl Layout {
 
     pub(crate) fn evaluation_of(&self, setting: Setting, method: &str, seed: u64) -> PathBuf {
         let file = format!("{}.json", with_seed(method, seed));
-        let folder = self.runs.join(setting.name()).join("evaluations");
-        folder.join(file)
+        self.runs.join(setting.name()).join("evaluations").join(file)
     }
 }
 

@@ -122,10 +122,7 @@ impl Options {
 
     pub(crate) fn sizes(&self, setting: Setting) -> Sizes {
         let sizes = Sizes::of(self.size(), setting);
-        Sizes {
-            test_frames: self.test_frames.unwrap_or(sizes.test_frames),
-            ..sizes
-        }
+        Sizes { test_frames: self.test_frames.unwrap_or(sizes.test_frames), ..sizes }
     }
 }
 

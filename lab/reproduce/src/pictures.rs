@@ -38,8 +38,7 @@ fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>> {
     let truth = test.set.truth(index)?;
     let seen = truth.labels.iter().filter(|label| !label.is_dont_care());
     let drawn = seen.map(|label| {
-        let mut rules = rules.iter();
-        let rule = rules.find(|rule| rule.valid.iter().any(|class| label.is(class)));
+        let rule = rules.iter().find(|rule| rule.valid.iter().any(|class| label.is(class)));
         let calibration = &truth.calibration;
         let box_in_sensor = calibration.box_in_sensor_from_label(&label.camera_box);
         Truth {

@@ -89,8 +89,7 @@ pub(crate) fn preparations(splits: &Splits, place: &Layout) -> [(&'static str, P
 /// Kinds and seeds, each after the network that it starts from.
 fn networks(seeds: u64) -> Vec<(&'static NetworkPlan, u64)> {
     let of_seed = |seed| {
-        let networks = NETWORKS.iter().filter(move |n| seed == 1 || n.seeded);
-        networks.map(move |network| (network, seed))
+        NETWORKS.iter().filter(move |n| seed == 1 || n.seeded).map(move |network| (network, seed))
     };
     (1..=seeds).flat_map(of_seed).collect()
 }

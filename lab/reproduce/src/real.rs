@@ -46,10 +46,8 @@ pub(crate) fn real_rows(
             let closed = chosen.curve.first().map_or(0.0, |point| point.threshold);
             let mut asked = vec![closed, chosen.threshold];
             asked.dedup();
-            let input = MethodInput {
-                asked: Some(&asked),
-                ..MethodInput::new(model, &set, frames)
-            };
+            let input =
+                MethodInput { asked: Some(&asked), ..MethodInput::new(model, &set, frames) };
             let output = run_method(row.method, &input)?;
             let last = output.thresholds.len().saturating_sub(1);
             judged.push(output.labelled(frames, last));

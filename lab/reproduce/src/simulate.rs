@@ -27,11 +27,8 @@ impl Simulation {
         };
         let of = |(name, frames, split, seed): (&'static str, u32, Split, u64)| {
             // Data of other seeds are separate training sets.
-            let (what, folder) = if seed == SEED {
-                (String::new(), name)
-            } else {
-                (format!("-{name}"), "train")
-            };
+            let (what, folder) =
+                if seed == SEED { (String::new(), name) } else { (format!("-{name}"), "train") };
             let folder = layout.data_of(setting, &what).join(folder);
             let mut options = ExportOptions::new(family, split, frames, seed, folder);
             options.synthetic_unknown = seed == SYNTHETIC_SEED;
@@ -73,8 +70,7 @@ impl Simulation {
         let list = format!("ImageSets/{}.txt", self.options.split.name());
         let list = folder.join(list);
         let text = list.is_file().then(|| read_text(&list)).transpose()?;
-        let text = text.unwrap_or_default();
-        let found = text.lines().filter(|line| !line.trim().is_empty()).count();
+        let found = text.unwrap_or_default().lines().filter(|line| !line.trim().is_empty()).count();
         let expected = self.options.frames as usize;
         if found < expected {
             let what = format!(

@@ -93,13 +93,7 @@ impl Training {
         if begun.ends_with("--bf16") || (is_new && TrainSettings::bf16_is_faster()) {
             arguments.push("--bf16".to_owned());
         }
-        Training {
-            network,
-            seed,
-            folder,
-            steps,
-            arguments,
-        }
+        Training { network, seed, folder, steps, arguments }
     }
 
     pub(crate) fn command(&self) -> String {
@@ -172,9 +166,6 @@ pub fn run_state(folder: &Path) -> Result<RunState> {
     let step = Model::read(&model)?.manifest.provenance.steps;
     Ok(match steps {
         Some(steps) if step >= steps => RunState::Done,
-        _ => RunState::Unfinished {
-            step,
-            steps: steps.unwrap_or(0),
-        },
+        _ => RunState::Unfinished { step, steps: steps.unwrap_or(0) },
     })
 }

@@ -69,14 +69,10 @@ fn the_method_at_the_models_threshold_is_the_products_pipeline() {
     for threshold in [0.0, values[values.len() / 2], values[values.len() - 1]] {
         gate.set(&mut model.manifest.thresholds, threshold as f32);
         let asked = [threshold];
-        let input = MethodInput {
-            asked: Some(&asked),
-            ..MethodInput::new(&model, &set, &frames)
-        };
+        let input = MethodInput { asked: Some(&asked), ..MethodInput::new(&model, &set, &frames) };
         let output = run_method(Method::MlucFull, &input).expect("objects");
         let found = product(&model, &set);
-        let all = found.iter().flatten();
-        let unknown = all.filter(|o| o.kind == ObjectKind::Unknown);
+        let unknown = found.iter().flatten().filter(|o| o.kind == ObjectKind::Unknown);
         assert_eq!(unknown.count() > 0, threshold > 0.0);
         for (lab, product) in output.objects.iter().zip(&found) {
             assert_eq!(lab[0], *product);

@@ -122,8 +122,7 @@ fn random(dice: &mut Dice) -> SensorProfile {
 /// Removes some beams: broken, or dropped by a driver.
 fn lose_beams(profile: &mut SensorProfile, dice: &mut Dice) {
     let share = dice.range(0.05, 0.3);
-    let beams = profile.elevations_deg.iter();
-    let kept: Vec<bool> = beams.map(|_| !dice.chance(share)).collect();
+    let kept: Vec<bool> = profile.elevations_deg.iter().map(|_| !dice.chance(share)).collect();
     if kept.iter().filter(|kept| **kept).count() < 6 {
         return;
     }

@@ -101,8 +101,7 @@ impl ExportOptions {
         };
         let is_idle = |step: &Step| !self.has(*step) && !applies(step);
         if let Some(step) = Step::ALL.into_iter().find(is_idle) {
-            let steps = Step::ALL.into_iter().filter(applies).map(Step::name);
-            let steps: Vec<&str> = steps.collect();
+            let steps: Vec<&str> = Step::ALL.into_iter().filter(applies).map(Step::name).collect();
             let expected = format!("steps of these scans ({})", steps.join(", "));
             return Err(DatasetError::unexpected("--without", expected, step.name()));
         }
@@ -162,15 +161,9 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
             let path = options.folder.join(file);
             std::fs::metadata(path).is_ok_and(|file| file.len() > 0)
         };
-        let files = [
-            ("planes", "txt"),
-            ("velodyne", "bin"),
-            ("instances", "u16"),
-            ("calib", "txt"),
-        ];
-        let mut files = files
-            .map(|(part, end)| format!("{part}/{index:06}.{end}"))
-            .into_iter();
+        let files =
+            [("planes", "txt"), ("velodyne", "bin"), ("instances", "u16"), ("calib", "txt")];
+        let mut files = files.map(|(part, end)| format!("{part}/{index:06}.{end}")).into_iter();
         if options.resume && files.all(|file| has(&file)) {
             written();
             return Ok([0.0; 3]);

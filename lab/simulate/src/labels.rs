@@ -14,11 +14,7 @@ pub(crate) fn calibration(family: Family) -> Result<Calibration, CalibrationErro
     if family != Family::SimKitti {
         return Ok(Calibration::without_camera());
     }
-    let p2 = [
-        [721.54, 0.0, 609.56, 45.0],
-        [0.0, 721.54, 172.85, 0.0],
-        [0.0, 0.0, 1.0, 0.0],
-    ];
+    let p2 = [[721.54, 0.0, 609.56, 45.0], [0.0, 721.54, 172.85, 0.0], [0.0, 0.0, 1.0, 0.0]];
     let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     Calibration::new(p2, identity, camera_from_sensor())
 }
@@ -31,11 +27,7 @@ fn camera_from_sensor() -> [[f64; 4]; 3] {
     let x = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr];
     let y = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr];
     let z = [-sp, cp * sr, cp * cr];
-    [
-        [-y[0], -y[1], -y[2], -0.004],
-        [-z[0], -z[1], -z[2], -0.076],
-        [x[0], x[1], x[2], -0.272],
-    ]
+    [[-y[0], -y[1], -y[2], -0.004], [-z[0], -z[1], -z[2], -0.076], [x[0], x[1], x[2], -0.272]]
 }
 
 /// Labels every object that has a point in its box and that a ray ended on; renumbers the instances to match.
@@ -142,11 +134,7 @@ impl Window {
         let half_rad = cos_half.clamp(-1.0, 1.0).acos() + 0.01 + margin_rad;
         // The lower block of an HDL-64E is 4 cm lower, which matters at close range: a margin of 2 degrees covers it.
         let margin = 0.035 + 1.5 * margin_rad;
-        Window {
-            middle,
-            cos_half: half_rad.min(PI).cos(),
-            slope: [low - margin, high + margin],
-        }
+        Window { middle, cos_half: half_rad.min(PI).cos(), slope: [low - margin, high + margin] }
     }
 
     fn beam(&self, slope: f32) -> bool {

@@ -48,12 +48,7 @@ pub(crate) fn place_objects<'a>(
     dice: &mut Dice,
 ) -> Layout<'a> {
     let (family, split) = (options.family, options.split);
-    let mut layout = Layout {
-        options,
-        ground,
-        taken: vec![own],
-        placed: Vec::new(),
-    };
+    let mut layout = Layout { options, ground, taken: vec![own], placed: Vec::new() };
     let (count, weights) = match family {
         Family::SimUdi => (dice.whole(9, 20), [0.53, 0.21, 0.11, 0.15]),
         Family::SimKitti => (dice.whole(6, 15), [0.58, 0.24, 0.18, 0.0]),
@@ -168,11 +163,7 @@ impl Layout<'_> {
         let ((x, y, yaw), last_length) = last;
         if class == Class::Pedestrian {
             let (angle, away) = (dice.range(0.0, TAU), dice.range(0.7, 1.6));
-            let heading = if dice.chance(0.6) {
-                yaw + dice.spread(0.3)
-            } else {
-                dice.spread(PI)
-            };
+            let heading = if dice.chance(0.6) { yaw + dice.spread(0.3) } else { dice.spread(PI) };
             return (x + away * angle.cos(), y + away * angle.sin(), heading);
         }
         let across = self.is_across(yaw);
@@ -194,11 +185,7 @@ impl Layout<'_> {
     fn put(&mut self, class: Class, model: Model, (x, y, yaw): Pose) {
         let footprint = Footprint::of(model.low, model.high, [x, y], yaw);
         self.taken.push(footprint);
-        self.placed.push(Placed {
-            class,
-            model,
-            footprint,
-        });
+        self.placed.push(Placed { class, model, footprint });
     }
 
     fn fits(&self, model: &Model, pose: Pose, dice: &mut Dice) -> bool {
@@ -264,11 +251,7 @@ impl Layout<'_> {
         let side = dice.sign();
         if is_car && self.options.split == Split::Train && dice.chance(KERB_BAY_CHANCE) {
             // Of most cars in such a row the sensor sees only the front or the rear, at a flat angle.
-            let slant = if dice.chance(0.7) {
-                FRAC_PI_2
-            } else {
-                dice.range(0.9, 1.4)
-            };
+            let slant = if dice.chance(0.7) { FRAC_PI_2 } else { dice.range(0.9, 1.4) };
             let yaw = dice.sign() * slant + dice.normal(0.0, 0.04);
             let across = side * (g.half_width_m + dice.range(1.6, 3.2));
             return self.at(across, range, yaw, dice);

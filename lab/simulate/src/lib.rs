@@ -154,8 +154,7 @@ impl std::str::FromStr for Class {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Class, String> {
-        let mut classes = Class::REAL.into_iter();
-        let found = classes.find(|c| c.name().eq_ignore_ascii_case(text));
+        let found = Class::REAL.into_iter().find(|c| c.name().eq_ignore_ascii_case(text));
         found.ok_or_else(|| {
             let names = Class::REAL.map(|c| c.name().to_ascii_lowercase());
             format!("expected one of {}, found '{text}'", names.join(", "))
@@ -188,8 +187,7 @@ impl SimulatedObject {
         if family == Family::SimUdi && self.points < 10 {
             return 3;
         }
-        let levels = [0.75, 0.4, 0.1].into_iter();
-        levels.filter(|least| self.visibility < *least).count() as i32
+        [0.75, 0.4, 0.1].into_iter().filter(|least| self.visibility < *least).count() as i32
     }
 }
 
@@ -238,11 +236,8 @@ type Shown = (SimulatedFrame, [f64; 3]);
 /// The frame of this number in the data set. Its own sensor is mounted, and scans unless `scanned_by` replaces it.
 fn simulated(options: &ExportOptions, number: u32) -> Result<Shown, SimulateError> {
     let (family, split, seed) = (options.family, options.split, options.seed);
-    let turn = options.sequence.map(|steps| Turn {
-        step: number % steps,
-        steps,
-        moves: options.moving,
-    });
+    let turn =
+        options.sequence.map(|steps| Turn { step: number % steps, steps, moves: options.moving });
     // Index of the scene.
     let index = number / options.sequence.unwrap_or(1);
     let (sensor, by) = (options.sensor.as_ref(), options.scanned_by.as_deref());

@@ -177,11 +177,8 @@ impl Mesh {
         let helper = if axis.z.abs() < 0.8 { V3::Z } else { V3::X };
         let x = axis.cross(helper).normalize();
         let y = axis.cross(x);
-        let rings = [0, 1].map(|end| {
-            circle(sides, 0.0, |cos, sin| {
-                ends[end] + (x * cos + y * sin) * radii[end]
-            })
-        });
+        let rings = [0, 1]
+            .map(|end| circle(sides, 0.0, |cos, sin| ends[end] + (x * cos + y * sin) * radii[end]));
         self.loft(&rings, true, |_, _| surface);
         for (ring, radius) in rings.iter().zip(radii) {
             if radius > 0.02 {
@@ -242,8 +239,7 @@ impl Mesh {
         let first = self.vertices.len() as u32;
         let moved = other.triangles.iter().map(|t| t.map(|i| i + first));
         self.triangles.extend(moved);
-        self.vertices
-            .extend(other.vertices.iter().map(|p| place(*p)));
+        self.vertices.extend(other.vertices.iter().map(|p| place(*p)));
         self.surfaces.extend_from_slice(&other.surfaces);
     }
 

@@ -32,11 +32,7 @@ impl Room {
             _ => return None,
         };
         let behind_m = dice.range(5.0, length_m - 5.0);
-        Some(Room {
-            along_m: [-behind_m, length_m - behind_m],
-            half_width_m,
-            height_m,
-        })
+        Some(Room { along_m: [-behind_m, length_m - behind_m], half_width_m, height_m })
     }
 
     /// Whether a thing of this reach is clear of the walls.
@@ -103,8 +99,7 @@ mod tests {
             let ground = Ground::draw(Family::SimAny, Some(HEIGHT_M), dice);
             ground.place == place && ground.room.is_some() == is_covered
         };
-        let indices = (0..400).filter(shows).take(3);
-        indices.map(|index| shown(index, left_out)).collect()
+        (0..400).filter(shows).take(3).map(|index| shown(index, left_out)).collect()
     }
 
     #[test]
@@ -123,10 +118,8 @@ mod tests {
         ] {
             let frames = frames_of(place, is_covered, &[]);
             assert_eq!(frames.len(), 3, "{place:?}");
-            let of_class = |f: &SimulatedFrame| {
-                let objects = f.objects.iter().filter(|o| o.class == class);
-                objects.count()
-            };
+            let of_class =
+                |f: &SimulatedFrame| f.objects.iter().filter(|o| o.class == class).count();
             let count: usize = frames.iter().map(of_class).sum();
             assert!(count >= least, "{place:?}: {count} of {class:?}");
             for thing in things {

@@ -229,8 +229,7 @@ impl Sensor {
             let beam = &beam;
             (0..beams_a_unit).map(move |b| beam(unit, b))
         });
-        let heights_m = profile.origin_heights_m.iter().map(|m| m.abs());
-        let highest_m = heights_m.fold(0.0, f32::max);
+        let highest_m = profile.origin_heights_m.iter().map(|m| m.abs()).fold(0.0, f32::max);
         let stray_rad = units.iter().map(|unit| {
             let tilt_deg = unit.pitch_deg.abs() + unit.roll_deg.abs();
             tilt_deg.to_radians() + (V3::from(unit.at_m).length() + highest_m) / 2.0
@@ -329,8 +328,7 @@ impl Sensor {
         let (_, ray) = self.ray_in_sensor(shot);
         let [x, y, z] = self.axes.map(|axis| axis.dot(ray));
         let [azimuth_deg, elevation_deg] = [y.atan2(x), z.asin()].map(f32::to_degrees);
-        let mut sectors = self.blind.iter();
-        sectors.any(|sector| sector.hides(azimuth_deg, elevation_deg))
+        self.blind.iter().any(|sector| sector.hides(azimuth_deg, elevation_deg))
     }
 
     /// Time of a column relative to the turn's end, s.
@@ -419,16 +417,13 @@ mod tests {
             assert!(sensor.is_sector());
             sensor.wave(0.05, 30.0, out_of_step);
             let rays = (0..sensor.column_count).map(|column| sensor.ray((beam, column)).1);
-            let strays = rays.map(|ray| ray.z.asin() - sensor.elevation_rad(beam));
-            strays.collect::<Vec<f32>>()
+            rays.map(|ray| ray.z.asin() - sensor.elevation_rad(beam)).collect::<Vec<f32>>()
         };
         let [first, second, alone] = [(false, 0), (false, 9), (true, 9)].map(|(o, b)| strays(o, b));
         let most = first.iter().map(|stray| stray.abs()).fold(0.0, f32::max);
         assert!((0.049..0.0501).contains(&most), "{most}");
-        let apart = |other: &[f32]| {
-            let apart = first.iter().zip(other).map(|(a, b)| (a - b).abs());
-            apart.fold(0.0, f32::max)
-        };
+        let apart =
+            |other: &[f32]| first.iter().zip(other).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(apart(&second) < 0.01 && apart(&alone) > 0.02);
     }
 
@@ -438,10 +433,7 @@ mod tests {
         profile.pitch_deg = 15.0;
         profile.origin_heights_m = vec![0.1; profile.elevations_deg.len()];
         let (sin, cos) = profile.pitch_deg.to_radians().sin_cos();
-        profile.blind = vec![BlindSector {
-            azimuth_deg: [90.0, 60.0],
-            below_deg: 20.0,
-        }];
+        profile.blind = vec![BlindSector { azimuth_deg: [90.0, 60.0], below_deg: 20.0 }];
         let sensor = Sensor::of(&profile, 0.0, 3);
         let shots = 0..sensor.beam_count() * sensor.column_count;
         let shots = shots.map(|i| (i / sensor.column_count, i % sensor.column_count));

@@ -12,15 +12,11 @@ pub struct Scaling {
 }
 
 /// A guess that covers small carts to lorries.
-pub const ON_ROADS: Scaling = Scaling {
-    factors: [[0.45, 2.4], [0.65, 1.6], [0.7, 2.0]],
-    least_m: [0.4, 0.4, 0.8],
-};
+pub const ON_ROADS: Scaling =
+    Scaling { factors: [[0.45, 2.4], [0.65, 1.6], [0.7, 2.0]], least_m: [0.4, 0.4, 0.8] };
 /// For any sensor: also low objects, such as fallen people and dogs.
-pub(crate) const ANYWHERE: Scaling = Scaling {
-    factors: [[0.35, 2.4], [0.5, 1.7], [0.3, 2.0]],
-    least_m: [0.3, 0.3, 0.3],
-};
+pub(crate) const ANYWHERE: Scaling =
+    Scaling { factors: [[0.35, 2.4], [0.5, 1.7], [0.3, 2.0]], least_m: [0.3, 0.3, 0.3] };
 /// Chances in `sim-any`: that the three factors are alike, as for a bus; that the object is laid down.
 pub(crate) const ALIKE_CHANCE: f32 = 0.35;
 pub(crate) const LIES_CHANCE: f32 = 0.15;

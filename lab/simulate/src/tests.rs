@@ -51,18 +51,16 @@ fn swept(key: u64, scene: &Scene) -> (sensor::Sensor, scan::Sweep) {
 /// All classes of real things, some of them twice.
 pub(super) fn classes() -> impl Iterator<Item = Class> {
     let classes = |f: Family| [f.known_classes(), f.unknown_classes()].concat();
-    let unseen = Split::ALL.into_iter().flat_map(Unseen::of);
-    let unseen = unseen.map(Class::Unseen);
+    let unseen = Split::ALL.into_iter().flat_map(Unseen::of).map(Class::Unseen);
     Family::ALL.into_iter().flat_map(classes).chain(unseen)
 }
 
 /// What changes `sim-any` must leave these as they are: the shipped networks and their figures come from them.
 #[test]
 fn frames_of_the_papers_families_stay_as_they_are() {
-    for (family, points, objects, mean_x_m) in [
-        (Family::SimUdi, 115_798, 17, -0.6782),
-        (Family::SimKitti, 60_313, 14, 8.5295),
-    ] {
+    for (family, points, objects, mean_x_m) in
+        [(Family::SimUdi, 115_798, 17, -0.6782), (Family::SimKitti, 60_313, 14, 8.5295)]
+    {
         let frame = frame(family, Split::Val, 1, 0, None).expect("a frame");
         let found = frame.points.len();
         let sum: f64 = frame.points.iter().map(|p| f64::from(p[0])).sum();
@@ -82,8 +80,7 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads_and_in_parts() {
         let mut options = ExportOptions::new(Family::SimUdi, Split::Val, 4, 5, folder.clone());
         options.shard = shard;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        let written = pool.expect("threads").install(|| export(&options, || ()));
-        written.expect("written");
+        pool.expect("threads").install(|| export(&options, || ())).expect("written");
         folder
     };
     let (one, two) = (run(1, None), run(2, None));
@@ -120,8 +117,7 @@ fn ground_rings_have_the_radius_of_their_elevation() {
         let expected = (sensor::HEIGHT_M + start.z) * direction.x.hypot(direction.y) / -direction.z;
         // Rays come back beam by beam; those of one beam are found by their elevation.
         let slope = direction.z / direction.x.hypot(direction.y);
-        let points = sweep.points.iter().map(|p| (p[0].hypot(p[1]), p[2]));
-        let mut of_beam = points.collect::<Vec<_>>();
+        let mut of_beam = sweep.points.iter().map(|p| (p[0].hypot(p[1]), p[2])).collect::<Vec<_>>();
         of_beam.retain(|(radius, z)| ((z - start.z) / radius - slope).abs() < 2e-4);
         let returns = of_beam.len();
         assert!(returns > 1000, "beam {beam}: {returns} returns");
@@ -157,10 +153,9 @@ fn a_moving_sensor_reports_what_it_saw_on_its_way_and_labels_lie_there() {
     let solids = [(1, 0.5), (2, -0.5)]
         .map(|(i, y)| add_block(&mut scene, i, [10.5, y, -0.9], [1.0, 0.9, 1.4]));
     let calibration = labels::calibration(Family::SimUdi).expect("valid");
-    for (mut sensor, speed_mps, nearest_m) in [
-        (hdl_64e, 10.0, [11.0, 10.0]),
-        (sensor::Sensor::of(&jt128, 0.0, 3), 15.0, [11.4; 2]),
-    ] {
+    for (mut sensor, speed_mps, nearest_m) in
+        [(hdl_64e, 10.0, [11.0, 10.0]), (sensor::Sensor::of(&jt128, 0.0, 3), 15.0, [11.4; 2])]
+    {
         sensor.motion = Some(sensor::Motion {
             velocity_mps: v(speed_mps, 0.0, 0.0),
             yaw_rate_radps: 0.0,
@@ -470,12 +465,7 @@ fn labels_of_sim_udi_carry_the_level_of_their_points() {
     };
     assert_eq!(Family::ALL.map(|family| object.occluded(family)), [3, 0, 0]);
     let at = |visibility: f32| {
-        let object = SimulatedObject {
-            visibility,
-            points: 10,
-            ..object
-        };
-        object.occluded(Family::SimUdi)
+        SimulatedObject { visibility, points: 10, ..object }.occluded(Family::SimUdi)
     };
     assert_eq!([1.0, 0.74, 0.39, 0.09].map(at), [0, 1, 2, 3]);
 }
@@ -520,14 +510,9 @@ fn a_sequence_shows_the_same_scene_from_a_moving_sensor() {
     let ground = ground::Ground::draw(family, None, &mut Dice::new(&[1]));
     let mut empty = layout::place_objects(&options, &ground, ego::CAR, &mut Dice::new(&[2]));
     (empty.taken, empty.placed) = (vec![ego::CAR], vec![]);
-    let last = Turn {
-        step: 99,
-        steps: 100,
-        moves: false,
-    };
+    let last = Turn { step: 99, steps: 100, moves: false };
     let drive = |key| drive::drive(&mut empty, last, &mut Dice::new(&[key]))[0];
-    let ways_m = (0..20).map(drive).map(|at| at.x.hypot(at.y));
-    let farthest_m = ways_m.fold(0.0, f32::max);
+    let farthest_m = (0..20).map(drive).map(|at| at.x.hypot(at.y)).fold(0.0, f32::max);
     assert!((50.0..60.0).contains(&farthest_m), "{farthest_m}");
 }
 

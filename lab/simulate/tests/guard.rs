@@ -16,8 +16,7 @@ const SCANS: usize = 10;
 
 /// What the shipped model accepts: any sensor, all around.
 fn takes() -> Manifest {
-    let shipped = Model::read(&root().join("weights/any-open.safetensors"));
-    shipped.expect("a model").manifest
+    Model::read(&root().join("weights/any-open.safetensors")).expect("a model").manifest
 }
 
 /// Scans of one sensor, its profile, and the estimate of the sensor from the scans.
@@ -50,12 +49,7 @@ fn simulated(name: &str) -> Set {
     };
     let scans: Vec<Scan> = (0..2).map(scan).collect();
     let found = estimate(&scans);
-    Set {
-        name: name.into(),
-        scans,
-        sensor,
-        found,
-    }
+    Set { name: name.into(), scans, sensor, found }
 }
 
 /// The first scans of a folder; its sensor is estimated.
@@ -67,12 +61,7 @@ fn recorded(name: &str, folder: &Path, count: usize) -> Set {
     let scans = files.iter().map(|file| read_scan(file).expect("a scan"));
     let scans: Vec<Scan> = scans.map(points).collect();
     let found = estimate(&scans);
-    Set {
-        name: name.into(),
-        sensor: found.profile(name, None),
-        scans,
-        found,
-    }
+    Set { name: name.into(), sensor: found.profile(name, None), scans, found }
 }
 
 /// All flags that the guard sets while the scans pass.
@@ -80,10 +69,7 @@ fn flagged(expected: &Expected, scans: impl Iterator<Item = (Scan, u32)>) -> Fla
     let mut guard = Guard::new(expected.clone());
     let mut all = Flags::default();
     for (scan, not_finite) in scans {
-        let report = DecodeReport {
-            dropped_not_finite: not_finite,
-            ..DecodeReport::default()
-        };
+        let report = DecodeReport { dropped_not_finite: not_finite, ..DecodeReport::default() };
         let reasons = guard.check(&scan, &report).iter();
         all = reasons.fold(all, |all, reason| all.with(reason.flag()));
     }
@@ -108,10 +94,7 @@ fn keep(holds: impl Fn(&Point) -> bool + 'static) -> Change {
 }
 
 fn scale(factor: f32) -> Change {
-    each(move |p| {
-        let place = [&mut p.x_m, &mut p.y_m, &mut p.z_m];
-        place.into_iter().for_each(|v| *v *= factor)
-    })
+    each(move |p| [&mut p.x_m, &mut p.y_m, &mut p.z_m].into_iter().for_each(|v| *v *= factor))
 }
 
 /// The faults, and for each whether the guard must see it.
@@ -124,8 +107,7 @@ fn faults(set: &Set) -> Vec<(&'static str, Change, bool)> {
         let deg = p.z_m.atan2(p.x_m.hypot(p.y_m)).to_degrees();
         let off = |at: &&f32| (**at - deg).abs();
         let nearest = elevations.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
-        let mut beams = elevations.iter();
-        beams.position(|at| Some(at) == nearest).unwrap_or(0)
+        elevations.iter().position(|at| Some(at) == nearest).unwrap_or(0)
     };
     let (sin, cos) = 10.0_f32.to_radians().sin_cos();
     let lift = |by_m: f32| each(move |p| p.z_m -= by_m);

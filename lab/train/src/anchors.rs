@@ -52,10 +52,7 @@ impl Anchors {
     /// Cells whose centre is in the footprint of `bounds`, grown by `margin_m`.
     pub(crate) fn cells_under(&self, bounds: &Box3, margin_m: f64) -> Vec<u32> {
         let [length, width] = [0, 1].map(|i| bounds.size_m[i] + 2.0 * margin_m);
-        let grown = Box3 {
-            size_m: [length, width, 1.0],
-            ..*bounds
-        };
+        let grown = Box3 { size_m: [length, width, 1.0], ..*bounds };
         let radius = length.hypot(width) / 2.0;
         let range = |axis: usize, limit: usize| {
             let at = (bounds.center_m[axis] - self.boxes.origin_m[axis]) / self.cell_m[axis];
@@ -107,9 +104,5 @@ impl Anchors {
 /// Extent of the axis-aligned footprint that is nearest to a rotated one.
 pub(crate) fn nearest([length, width, _]: [f64; 3], yaw_rad: f64) -> [f64; 2] {
     let turn = limit_period(yaw_rad, 0.5, std::f64::consts::PI);
-    if turn.abs() < std::f64::consts::FRAC_PI_4 {
-        [length, width]
-    } else {
-        [width, length]
-    }
+    if turn.abs() < std::f64::consts::FRAC_PI_4 { [length, width] } else { [width, length] }
 }

@@ -173,8 +173,7 @@ pub fn crop(scan: &mut LabelledScan, grid: &Grid) {
         low..=high
     });
     let is_inside = |c: &[f64; 2]| (0..2).all(|i| ranges[i].contains(&c[i]));
-    scan.points
-        .retain(|p| is_inside(&[p[0].into(), p[1].into()]));
+    scan.points.retain(|p| is_inside(&[p[0].into(), p[1].into()]));
     let has_corner = |o: &LabelledObject| o.bounds.footprint_m().iter().any(is_inside);
     scan.objects.retain(has_corner);
     scan.count_points();

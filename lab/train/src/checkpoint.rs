@@ -70,9 +70,7 @@ pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bo
     let found = text("settings");
     if found != fingerprint {
         let only = |text: &str, other: &str| {
-            let words = text
-                .split(", ")
-                .filter(|word| other.split(", ").all(|own| own != *word));
+            let words = text.split(", ").filter(|word| other.split(", ").all(|own| own != *word));
             words.collect::<Vec<_>>().join(", ")
         };
         let expected = format!("a run with '{}'", only(fingerprint, found));

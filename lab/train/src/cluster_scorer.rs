@@ -110,8 +110,7 @@ fn fit(examples: &[Example], seed: u64) -> Option<Mlp> {
         for i in 0..BATCH {
             let list = if i < OBJECTS { &objects } else { &rest };
             let mut values = list[random.below(list.len())].0;
-            let sizes = values[..3].iter_mut();
-            sizes.for_each(|v| *v += (SIZE_DEVIATION * random.normal()) as f32);
+            values[..3].iter_mut().for_each(|v| *v += (SIZE_DEVIATION * random.normal()) as f32);
             input.extend(values);
         }
         let trace = mlp.forward(input);
@@ -142,8 +141,7 @@ mod tests {
         assert_eq!(fit(&examples[..1], 1), None);
         let mlp = fit(&examples, 1).expect("layers");
         let logit = |(f, _): &Example| mlp.forward(f.to_vec()).output()[0];
-        let logits = examples.iter().map(logit);
-        let logits: Vec<f32> = logits.collect();
+        let logits: Vec<f32> = examples.iter().map(logit).collect();
         let right = examples.iter().zip(&logits);
         let right = right.filter(|((_, is_object), x)| (**x > 0.0) == *is_object);
         assert!(right.count() > 560);

@@ -45,17 +45,12 @@ pub fn mean_boxes(source: &ScanSource, classes: usize) -> Result<Vec<MeanBox>, T
         let (sum, count) = &mut sums[class];
         let bottom = bounds.center_m[2] - bounds.size_m[2] / 2.0;
         let [l, w, h] = bounds.size_m;
-        let pairs = sum.iter_mut().zip([l, w, h, bottom]);
-        pairs.for_each(|(sum, value)| *sum += value);
+        sum.iter_mut().zip([l, w, h, bottom]).for_each(|(sum, value)| *sum += value);
         *count += 1;
     }
     let mean = |(sum, count): ([f64; 4], usize)| {
         let [l, w, h, bottom_z_m] = sum.map(|s| (s / count.max(1) as f64) as f32);
-        MeanBox {
-            size_m: [l, w, h],
-            bottom_z_m,
-            count,
-        }
+        MeanBox { size_m: [l, w, h], bottom_z_m, count }
     };
     Ok(sums.into_iter().map(mean).collect())
 }

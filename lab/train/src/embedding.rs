@@ -136,8 +136,7 @@ impl PointEmbedding {
         let (_, background, unknown) = self.parts();
         let mut logits: Vec<f32> = prototypes.chunks_exact(WIDTH).map(near).collect();
         let background: Vec<f32> = background.chunks_exact(WIDTH).map(near).collect();
-        let all = logits.iter().chain(&background);
-        let most = all.copied().fold(unknown, f32::max);
+        let most = logits.iter().chain(&background).copied().fold(unknown, f32::max);
         let sum: f32 = background.iter().map(|l| (l - most).exp()).sum();
         logits.extend([sum.ln() + most, unknown]);
         let sum: f32 = logits.iter().map(|l| (l - most).exp()).sum();
@@ -255,8 +254,7 @@ fn cross_entropy(logits: &[f32], is_target: impl Fn(usize) -> bool) -> (f32, Vec
 
 /// Each point that belongs to an instance, with the instance's number.
 fn owned(owner: &[Option<usize>]) -> impl Iterator<Item = (usize, usize)> {
-    let points = owner.iter().enumerate();
-    points.filter_map(|(i, k)| Some((i, (*k)?)))
+    owner.iter().enumerate().filter_map(|(i, k)| Some((i, (*k)?)))
 }
 
 /// Mean embedding of each instance, and its number of points.

@@ -28,11 +28,7 @@ impl Cells {
         for (row, &cell) in listed.iter().enumerate() {
             row_of[cell as usize] = row as u32;
         }
-        Cells {
-            shape,
-            row_of,
-            listed,
-        }
+        Cells { shape, row_of, listed }
     }
 
     /// The row that represents every unlisted cell.
@@ -92,12 +88,7 @@ pub fn convolution(input: &Cells, stride: usize, unlisted: Unlisted) -> (LayerPl
     let gather = Gather { taps: 9, index };
     let mut transposed = gather.transposed(input.rows());
     transposed.index.truncate(input.listed.len() * 9);
-    let plan = LayerPlan {
-        gather,
-        transposed: Some(transposed),
-        background,
-        tail: output.tail(1),
-    };
+    let plan = LayerPlan { gather, transposed: Some(transposed), background, tail: output.tail(1) };
     (plan, output)
 }
 

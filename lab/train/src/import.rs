@@ -14,8 +14,7 @@ use std::{collections::BTreeMap, path::Path, path::PathBuf};
 
 /// The model file at `path`: the file itself, or the model file in a run's folder.
 pub(crate) fn model_path(path: &Path) -> PathBuf {
-    let inside = path.is_dir().then(|| path.join("model.safetensors"));
-    inside.unwrap_or_else(|| path.to_owned())
+    if path.is_dir() { path.join("model.safetensors") } else { path.to_owned() }
 }
 
 /// Copies all matching weights into `trainer`; returns a report. `path`: as in [`model_path`].
@@ -107,11 +106,7 @@ fn row_names(head: &str, manifest: &Manifest) -> Vec<String> {
         match head {
             "head.objectness" => rows.push(presence),
             "head.class" => rows.extend(classes.iter().map(|class| {
-                if class == own {
-                    presence.clone()
-                } else {
-                    format!("{presence} as {class}")
-                }
+                if class == own { presence.clone() } else { format!("{presence} as {class}") }
             })),
             "head.box" => rows.extend((0..7).map(|i| format!("box {anchor} {i}"))),
             _ => rows.extend((0..2).map(|i| format!("direction {anchor} {i}"))),
@@ -148,8 +143,7 @@ fn copy_row(
     let factor = if is_embedding { ratio } else { 1.0 };
     let weight = &weight.data[number * head.cin..][..head.cin];
     let to = parameters[head.weight.clone()].iter_mut().skip(row);
-    let pairs = to.step_by(head.cout).zip(weight);
-    pairs.for_each(|(to, from)| *to = factor * from);
+    to.step_by(head.cout).zip(weight).for_each(|(to, from)| *to = factor * from);
     parameters[head.bias.start + row] = factor * bias.data[number];
     true
 }

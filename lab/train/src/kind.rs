@@ -50,8 +50,7 @@ pub enum NetworkKind {
 impl NetworkKind {
     /// The name on the command line, such as `metric`.
     pub fn name(self) -> String {
-        let value = self.to_possible_value().expect("no kind is skipped");
-        value.get_name().to_owned()
+        self.to_possible_value().expect("no kind is skipped").get_name().to_owned()
     }
 
     /// Whether it learns the unknown from synthetic unknown objects.

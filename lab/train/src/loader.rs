@@ -52,8 +52,7 @@ impl DataLoader {
         source: ScanSource,
         database: Database,
     ) -> DataLoader {
-        let sizes_m = manifest.classes.iter().map(|c| c.size_m.map(f64::from));
-        let classes_m: Vec<_> = sizes_m.collect();
+        let classes_m: Vec<_> = manifest.classes.iter().map(|c| c.size_m.map(f64::from)).collect();
         let wanted = |class: &AnchorClass| settings.setting.objects_wanted(&class.name);
         let augmentation = Augmentation {
             database: Arc::new(database),

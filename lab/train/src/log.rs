@@ -66,8 +66,7 @@ impl Log {
             }
             let mut file = File::options().create(true).append(true).open(&path)?;
             // An interruption may have truncated the last line.
-            let written = std::fs::read(&path)?;
-            let is_cut = written.last().is_some_and(|last| *last != b'\n');
+            let is_cut = std::fs::read(&path)?.last().is_some_and(|last| *last != b'\n');
             if is_cut {
                 file.write_all(b"\n")?;
             }
@@ -88,8 +87,7 @@ impl Log {
     /// Adds a step; returns a line after enough steps.
     pub(crate) fn add(&mut self, mut step: Progress) -> Result<Option<Progress>, TrainError> {
         let (done, rate) = (step.step, step.rate);
-        let pairs = self.sum.means_mut().zip(step.means_mut());
-        pairs.for_each(|(sum, value)| *sum += *value);
+        self.sum.means_mut().zip(step.means_mut()).for_each(|(sum, value)| *sum += *value);
         self.count += 1;
         if !done.is_multiple_of(LOG_STEPS) && done != self.steps {
             return Ok(None);

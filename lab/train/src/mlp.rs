@@ -87,8 +87,7 @@ impl Mlp {
                 for c in 0..cin {
                     let row = c * cout..(c + 1) * cout;
                     if x[c] != 0.0 {
-                        let weights = weights[row.clone()].iter_mut().zip(dy);
-                        weights.for_each(|(w, d)| *w += x[c] * d);
+                        weights[row.clone()].iter_mut().zip(dy).for_each(|(w, d)| *w += x[c] * d);
                     }
                     // Where a ReLU is 0 there is no gradient; the gradient of the input itself is not needed.
                     if number > 0 && x[c] > 0.0 {

@@ -34,8 +34,7 @@ impl Heads {
 
     /// The heads that run only on labelled cells.
     pub(crate) fn of_labelled(&self) -> impl Iterator<Item = &Linear> {
-        let first = self.embedding.iter().chain([&self.boxes, &self.direction]);
-        first.chain(&self.unknown)
+        self.embedding.iter().chain([&self.boxes, &self.direction]).chain(&self.unknown)
     }
 }
 
@@ -169,12 +168,7 @@ pub struct Pass {
 impl<'a> StepInput<'a> {
     /// Input with the batch's own statistics, as in training.
     pub fn new(parameters: &'a [f32], plan: &'a Plan, labelled: &'a [u32]) -> StepInput<'a> {
-        StepInput {
-            parameters,
-            plan,
-            labelled,
-            running: None,
-        }
+        StepInput { parameters, plan, labelled, running: None }
     }
 }
 
@@ -182,8 +176,7 @@ impl Chain {
     /// Lays out the parameters of `network`.
     pub fn new(network: &Network) -> Chain {
         let mut a = Allocator::default();
-        let sparse = network.sparse.iter();
-        let sparse = sparse.map(|l| a.layer(&l.name, l.taps(), l.cin, l.cout, 1));
+        let sparse = network.sparse.iter().map(|l| a.layer(&l.name, l.taps(), l.cin, l.cout, 1));
         let (up1, up2) = (&network.up1, &network.up2);
         Chain {
             network: network.clone(),
@@ -199,8 +192,7 @@ impl Chain {
 
     /// Multiplies in bf16 in layers with enough channels for a gain.
     pub fn use_bf16(&mut self) {
-        let blocks = self.sparse.iter_mut().chain(&mut self.block1);
-        let blocks = blocks.chain(&mut self.block2);
+        let blocks = self.sparse.iter_mut().chain(&mut self.block1).chain(&mut self.block2);
         for layer in blocks.chain([&mut self.up1, &mut self.up2]) {
             layer.bf16 = layer.cin >= 16 && layer.cin % 2 == 0 && layer.cout % 2 == 0;
         }
@@ -208,8 +200,7 @@ impl Chain {
 
     /// Layers with batch norm, in the order of [`Layer::norm`].
     pub fn layers(&self) -> impl Iterator<Item = &Layer> {
-        let blocks = self.sparse.iter().chain(&self.block1).chain(&self.block2);
-        blocks.chain([&self.up1, &self.up2])
+        self.sparse.iter().chain(&self.block1).chain(&self.block2).chain([&self.up1, &self.up2])
     }
 
     /// Initial parameters: uniform in +-1/sqrt(fan in) (the default of the public implementations), batch norm 1 and 0;
@@ -351,8 +342,7 @@ impl Pass {
 
     /// Returns the maps to the pool for the next step.
     pub fn recycle(self, pool: &mut Pool) {
-        let blocks = self.sparse.into_iter().chain(self.block1);
-        let blocks = blocks.chain(self.block2);
+        let blocks = self.sparse.into_iter().chain(self.block1).chain(self.block2);
         for activation in blocks.chain([self.up1, self.up2]) {
             pool.give(activation.x);
             pool.give(activation.y);

@@ -9,11 +9,8 @@ use mluc_geometry::{Box3, Random};
 use mluc_model::{HeadKind, Manifest, Network};
 use std::ops::Range;
 
-const LOSSES: LossSettings = LossSettings {
-    prototype_scale: 2.0,
-    variance_weight: 0.05,
-    push_weight: 0.0,
-};
+const LOSSES: LossSettings =
+    LossSettings { prototype_scale: 2.0, variance_weight: 0.05, push_weight: 0.0 };
 
 /// A network of the real one's shape with few channels, on a map of 16 x 20.
 pub(crate) fn small() -> Network {
@@ -66,10 +63,7 @@ fn dense(network: &Network, plan: &Plan) -> Plan {
     let cells = Cells::from_marks([2, rows, columns], &vec![true; 2 * rows * columns]);
     let cell_of = |(row, z): &(u32, u32)| (plan.map.occupied[*row as usize], *z);
     let scatter: Vec<(u32, u32)> = plan.map.scatter.iter().map(cell_of).collect();
-    Plan {
-        map: MapPlan::from_cells(network, cells, &scatter),
-        ..plan.clone()
-    }
+    Plan { map: MapPlan::from_cells(network, cells, &scatter), ..plan.clone() }
 }
 
 struct Setup {
@@ -82,17 +76,12 @@ struct Setup {
 
 impl Setup {
     fn new(head: HeadKind) -> Setup {
-        let network = Network {
-            head,
-            generic: usize::from(head == HeadKind::Open),
-            ..small()
-        };
+        let network = Network { head, generic: usize::from(head == HeadKind::Open), ..small() };
         let chain = Chain::new(&network);
         let mut parameters = chain.initial(3, 2.0);
         // Away from the special first values, so that every path carries weight.
         let mut random = Random::new(4, &[]);
-        let values = parameters.iter_mut();
-        values.for_each(|p| *p += 0.1 * random.normal() as f32);
+        parameters.iter_mut().for_each(|p| *p += 0.1 * random.normal() as f32);
         Setup {
             plan: Planner::new(&network).plan(&scans()),
             targets: targets(&network),
@@ -169,8 +158,7 @@ fn gradients_are_those_of_the_loss() {
             let norm = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
             assert_slope(&name, 1.0, 5e-3, |h| {
                 let mut p = s.parameters.clone();
-                let values = p[range.clone()].iter_mut().zip(gradient);
-                values.for_each(|(p, g)| *p += h / norm * g);
+                p[range.clone()].iter_mut().zip(gradient).for_each(|(p, g)| *p += h / norm * g);
                 s.run(&s.plan, &p).0 / f64::from(norm)
             });
         }

@@ -50,10 +50,7 @@ pub struct Activation {
 impl Tail {
     /// The tail for a map of `rows` rows; the last row is always separate.
     fn of(self, rows: usize) -> Tail {
-        let last = Tail {
-            rows: rows.min(1),
-            multiplicity: 1,
-        };
+        let last = Tail { rows: rows.min(1), multiplicity: 1 };
         if self.rows == 0 { last } else { self }
     }
 }
@@ -87,8 +84,7 @@ fn reduce(
     let last = partial(&x[body..], &g[body..]);
     [0, 1].map(|number| {
         let sum = |c: usize| {
-            let parts = parts.iter().map(|part| part[number][c]);
-            parts.sum::<f64>() + weight as f64 * last[number][c]
+            parts.iter().map(|part| part[number][c]).sum::<f64>() + weight as f64 * last[number][c]
         };
         (0..channels).map(sum).collect()
     })
@@ -136,8 +132,7 @@ pub fn normalise(x: &[f32], [gamma, beta]: [&[f32]; 2], statistics: &Statistics,
         }
     };
     let chunk = CHUNK_ROWS * channels;
-    let chunks = y.par_chunks_mut(chunk).zip(x.par_chunks(chunk));
-    chunks.for_each(|(y, x)| at_best(|| work(y, x)));
+    y.par_chunks_mut(chunk).zip(x.par_chunks(chunk)).for_each(|(y, x)| at_best(|| work(y, x)));
 }
 
 /// The gradient of [`forward`]: `gradient` is that of `y` on entry and that of `x` on return; the gradients of scale and shift are added to `affine`.
@@ -152,8 +147,7 @@ pub fn backward(
     let (rows, chunk) = (x.len() / channels, CHUNK_ROWS * channels);
     let chunks = gradient.par_chunks_mut(chunk).zip(y.par_chunks(chunk));
     chunks.for_each(|(g, y)| {
-        let values = g.iter_mut().zip(y);
-        values.for_each(|(g, y)| *g = if *y > 0.0 { *g } else { 0.0 });
+        g.iter_mut().zip(y).for_each(|(g, y)| *g = if *y > 0.0 { *g } else { 0.0 });
     });
     let (mean, count) = (&statistics.mean, statistics.count.max(1.0));
     // Every row's gradient is already the sum over its cells, so each row counts once.
@@ -200,8 +194,7 @@ mod tests {
     }
 
     fn assert_near(a: &[f32], b: &[f32], most: f32) {
-        let mut pairs = a.iter().zip(b);
-        let are_near = pairs.all(|(a, b)| (a - b).abs() < most);
+        let are_near = a.iter().zip(b).all(|(a, b)| (a - b).abs() < most);
         assert!(a.len() == b.len() && are_near, "{a:?} {b:?}");
     }
 

@@ -62,12 +62,7 @@ pub struct Adam {
 impl Adam {
     /// The initial state for `count` parameters.
     pub fn new(count: usize) -> Adam {
-        Adam {
-            first: vec![0.0; count],
-            second: vec![0.0; count],
-            momentum_product: 1.0,
-            steps: 0,
-        }
+        Adam { first: vec![0.0; count], second: vec![0.0; count], momentum_product: 1.0, steps: 0 }
     }
 
     /// One step; returns the gradient's norm before clipping. A non-finite gradient changes nothing.
@@ -77,8 +72,7 @@ impl Adam {
         gradients: &[f32],
         (rate, momentum): (f64, f64),
     ) -> f64 {
-        let squares = gradients.iter().map(|g| f64::from(*g).powi(2));
-        let norm = squares.sum::<f64>().sqrt();
+        let norm = gradients.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
         if !norm.is_finite() {
             return norm;
         }

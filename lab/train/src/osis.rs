@@ -34,15 +34,10 @@ pub fn train_osis(
     }
     let (own, setting) = (&model.manifest.name, settings.setting.name());
     if own != setting {
-        return Err(wrong(&format!(
-            "one of --setting {own} for --setting {setting}"
-        )));
+        return Err(wrong(&format!("one of --setting {own} for --setting {setting}")));
     }
     // One frame per step, regardless of --batch.
-    let settings = &TrainSettings {
-        batch: 1,
-        ..settings.clone()
-    };
+    let settings = &TrainSettings { batch: 1, ..settings.clone() };
     let _lock = run_folder::enter(&settings.out)?;
     let out = settings.out.join("model.safetensors");
     let channels = network.feature_channels();
@@ -61,8 +56,7 @@ pub fn train_osis(
     }
     run_folder::refuse_other(&settings.out, "model.safetensors")?;
     run_folder::refuse_other(&settings.out, "checkpoint.safetensors")?;
-    let embedding = fit(&model, settings, notify)?;
-    embedding.write(&mut model.weights);
+    fit(&model, settings, notify)?.write(&mut model.weights);
     let provenance = &mut model.manifest.provenance;
     (provenance.steps, provenance.seed) = (settings.steps, settings.seed);
     (provenance.data, provenance.batch) = (data.into_owned(), 1);
@@ -128,8 +122,7 @@ fn sample(
     features: &FrameFeatures,
     random: &mut Random,
 ) -> (Vec<f32>, Vec<Option<usize>>, usize) {
-    let tests = scan.objects.iter().map(|o| Inside::of(&o.bounds, 0.0));
-    let tests: Vec<Inside> = tests.collect();
+    let tests: Vec<Inside> = scan.objects.iter().map(|o| Inside::of(&o.bounds, 0.0)).collect();
     let mut of_object: Vec<Vec<usize>> = vec![vec![]; tests.len()];
     let mut background = vec![];
     for (i, point) in scan.points.iter().enumerate() {

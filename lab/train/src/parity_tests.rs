@@ -22,10 +22,7 @@ fn setup() -> (Network, Vec<[f32; 4]>) {
 #[test]
 fn the_engine_computes_what_was_trained() {
     let (network, points) = setup();
-    let losses = LossSettings {
-        prototype_scale: 3.0,
-        ..LossSettings::default()
-    };
+    let losses = LossSettings { prototype_scale: 3.0, ..LossSettings::default() };
     let trainer = Trainer::new(&network, Schedule::new(1e-3, 1), losses, 1);
     let (chain, mut state) = (trainer.chain, trainer.state);
     let mut random = Random::new(12, &[]);
@@ -43,10 +40,8 @@ fn the_engine_computes_what_was_trained() {
     let running = Some(&state.running);
     let pass = chain.forward(&StepInput { running, ..input }, &mut pool);
 
-    let manifest = Manifest {
-        uses_intensity: false,
-        ..Manifest::untrained("kitti", network.clone())
-    };
+    let manifest =
+        Manifest { uses_intensity: false, ..Manifest::untrained("kitti", network.clone()) };
     let bytes = model_bytes(&manifest, &export::weights(&chain, &state)).expect("a model");
     let model = Model::from_bytes(&bytes).expect("read back");
     let mut backbone = Backbone::new(&model.manifest, &model.weights).expect("an engine");

@@ -21,10 +21,7 @@ pub struct Pool {
 impl Pool {
     /// A pool for the backward pass of this number of parameters.
     pub fn new(parameters: usize) -> Pool {
-        Pool {
-            gradients: vec![0.0; parameters],
-            ..Pool::default()
-        }
+        Pool { gradients: vec![0.0; parameters], ..Pool::default() }
     }
 
     /// A vector of `len` numbers with arbitrary values.
@@ -55,12 +52,10 @@ pub(crate) fn round<'a>(values: &[f32], room: &'a mut Vec<Bf16>) -> &'a [Bf16] {
         *room = vec![Bf16(0); values.len() + values.len() / 4];
     }
     let to = &mut room[..values.len()];
-    let tasks = to.par_chunks_mut(ROUND_CHUNK);
-    let tasks = tasks.zip(values.par_chunks(ROUND_CHUNK));
+    let tasks = to.par_chunks_mut(ROUND_CHUNK).zip(values.par_chunks(ROUND_CHUNK));
     tasks.for_each(|(to, from)| {
         at_best(|| {
-            let pairs = to.iter_mut().zip(from);
-            pairs.for_each(|(to, from)| *to = Bf16::from_f32(*from));
+            to.iter_mut().zip(from).for_each(|(to, from)| *to = Bf16::from_f32(*from));
         });
     });
     to

@@ -50,8 +50,7 @@ fn widen(levels: &mut [(String, Vec<f32>)], level: Level) {
         return;
     };
     for row in level.values.chunks_exact(largest.len()) {
-        let pairs = largest.iter_mut().zip(row);
-        pairs.for_each(|(largest, value)| *largest = largest.max(*value));
+        largest.iter_mut().zip(row).for_each(|(largest, value)| *largest = largest.max(*value));
     }
 }
 

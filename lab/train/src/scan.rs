@@ -27,12 +27,7 @@ pub struct LabelledObject {
 impl LabelledObject {
     /// An object of a class, or a synthetic unknown object.
     pub fn new(class: Option<usize>, bounds: Box3, points: usize) -> LabelledObject {
-        LabelledObject {
-            class,
-            bounds,
-            points,
-            synthetic_unknown: class.is_none(),
-        }
+        LabelledObject { class, bounds, points, synthetic_unknown: class.is_none() }
     }
 
     /// Whether it has enough points to be trained on.
@@ -64,8 +59,7 @@ impl LabelledScan {
     /// Replaces z by the height above the local ground, in points and boxes.
     pub fn measure_from_ground(&mut self) {
         // Missing returns, as the backbone leaves them out.
-        self.points
-            .retain(|[x, y, z, _]| x * x + y * y + z * z >= NEAREST_SQUARED);
+        self.points.retain(|[x, y, z, _]| x * x + y * y + z * z >= NEAREST_SQUARED);
         let mut grid = GroundGrid::new(GROUND_BELOW_M);
         let ground_m = grid.find(&self.points);
         for [x, y, z, _] in &mut self.points {
@@ -102,19 +96,12 @@ mod tests {
     #[test]
     fn a_synthetic_unknown_object_of_a_known_size_is_ignored() {
         let pedestrian_m = [0.84, 0.65, 1.78];
-        let cases = [
-            ([1.2, 0.9, 1.5], false),
-            ([0.5, 0.5, 1.2], true),
-            ([1.3, 0.6, 1.8], true),
-        ];
+        let cases = [([1.2, 0.9, 1.5], false), ([0.5, 0.5, 1.2], true), ([1.3, 0.6, 1.8], true)];
         for (size_m, unknown) in cases {
             let [l, w, h] = size_m;
             let bounds = Box3::new([5.0, 0.0, 1.0, l, w, h, 0.0]);
             let objects = [None, Some(0)].map(|class| LabelledObject::new(class, bounds, 9));
-            let mut scan = LabelledScan {
-                points: vec![],
-                objects: objects.to_vec(),
-            };
+            let mut scan = LabelledScan { points: vec![], objects: objects.to_vec() };
             scan.ignore_alike(&[pedestrian_m]);
             let trained = scan.objects.iter().map(LabelledObject::is_trained);
             assert_eq!(trained.collect::<Vec<_>>(), [unknown, true], "{size_m:?}");
@@ -130,10 +117,7 @@ mod tests {
             let simulated = frame(Family::SimAny, Split::Train, 3, index, None).expect("a frame");
             let objects = simulated.objects.iter();
             let objects = objects.map(|o| LabelledObject::new(Some(0), o.box_in_sensor, 0));
-            let mut scan = LabelledScan {
-                points: simulated.points,
-                objects: objects.collect(),
-            };
+            let mut scan = LabelledScan { points: simulated.points, objects: objects.collect() };
             scan.measure_from_ground();
             let bottom = |o: &LabelledObject| o.bounds.center_m[2] - o.bounds.size_m[2] / 2.0;
             bottoms_m.extend(scan.objects.iter().map(bottom));

@@ -142,8 +142,7 @@ impl TrainSettings {
 
     /// Classes that labels may name: KITTI's and the simulator's, all classes that the network learns, and the ignored ones.
     pub fn accepted_classes(&self) -> Vec<String> {
-        let heard = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES);
-        let heard = heard.map(|name| (*name).to_owned());
+        let heard = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES).map(|name| (*name).to_owned());
         let own = self.ignored_classes.iter().chain(&self.known);
         heard.chain(own.cloned()).collect()
     }

@@ -24,8 +24,7 @@ pub struct ScanSource {
 
 impl ScanSource {
     fn class_of(&self, name: &str) -> Option<usize> {
-        let mut classes = self.classes.iter();
-        classes.position(|class| class.eq_ignore_ascii_case(name))
+        self.classes.iter().position(|class| class.eq_ignore_ascii_case(name))
     }
 
     /// Number of scans.

@@ -53,19 +53,10 @@ mod tests {
         let mut voxels = Voxels::new(&Grid::any());
         voxelize(&[[0.05, 0.05, 0.1, 0.5]], &Grid::any(), false, &mut voxels);
         let cells = [(7, CellClass::Known(2)), (8, CellClass::Unknown)];
-        let label = |(cell, is)| CellLabel {
-            cell,
-            is,
-            weight: 0.5,
-        };
+        let label = |(cell, is)| CellLabel { cell, is, weight: 0.5 };
         let (cell, anchor, codes, bin) = (7, 3, [0.25; 7], 1);
         let targets = Targets {
-            positives: vec![Positive {
-                cell,
-                anchor,
-                codes,
-                bin,
-            }],
+            positives: vec![Positive { cell, anchor, codes, bin }],
             ignored: vec![9, 11],
             cells: cells.map(label).to_vec(),
         };

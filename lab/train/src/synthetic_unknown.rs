@@ -42,10 +42,7 @@ impl Local {
             let (u, v) = (dx * cos + dy * sin, dy * cos - dx * sin);
             [u, v, z - bottom, intensity]
         };
-        Local {
-            size_m: b.size_m,
-            points: sample.points.iter().map(local).collect(),
-        }
+        Local { size_m: b.size_m, points: sample.points.iter().map(local).collect() }
     }
 
     fn scale(&mut self, factors: [f64; 3]) {
@@ -114,8 +111,7 @@ pub fn make_up(database: &Database, classes_m: &[[f64; 3]], random: &mut Random)
 }
 
 fn draw<'a>(database: &'a Database, random: &mut Random) -> Option<&'a Sample> {
-    let lists = database.iter().filter(|list| !list.is_empty());
-    let lists: Vec<_> = lists.collect();
+    let lists: Vec<_> = database.iter().filter(|list| !list.is_empty()).collect();
     let list = lists.get(random.below(lists.len().max(1)))?;
     list.get(random.below(list.len()))
 }
@@ -172,14 +168,8 @@ mod tests {
                 let [u, v, up] = [l, w, h].map(|size| random.uniform(-size / 2.0, size / 2.0));
                 [u, v, up + h / 2.0, 0.5]
             };
-            let local = Local {
-                size_m: [l, w, h],
-                points: (0..200).map(|_| point()).collect(),
-            };
-            Sample {
-                class: Some(class),
-                ..local.place(&bounds, 1.0)
-            }
+            let local = Local { size_m: [l, w, h], points: (0..200).map(|_| point()).collect() };
+            Sample { class: Some(class), ..local.place(&bounds, 1.0) }
         };
         let samples = |class| (0..20).map(|_| sample(class)).collect();
         [0, 1].map(samples).into()
@@ -193,8 +183,7 @@ mod tests {
             let made = make_up(&database, &CLASSES_M, &mut random).expect("one of a dozen draws");
             assert_eq!(made.class, None);
             let grown = Inside::of(&made.bounds, 5e-4);
-            let are_inside = made.points.iter().all(|p| grown.has_point(p));
-            assert!(are_inside, "{:?}", made.bounds);
+            assert!(made.points.iter().all(|p| grown.has_point(p)), "{:?}", made.bounds);
             let size_m = made.bounds.size_m;
             assert!(!has_known_size(size_m, &CLASSES_M), "{size_m:?}");
             lengths.push(made.bounds.size_m[0]);

@@ -72,10 +72,7 @@ struct Best {
 impl Anchors {
     /// Targets of a frame.
     pub fn assign(&self, objects: &[LabelledObject]) -> Targets {
-        let mut found = Targets {
-            ignored: self.ignored_by_objects(objects),
-            ..Targets::default()
-        };
+        let mut found = Targets { ignored: self.ignored_by_objects(objects), ..Targets::default() };
         // Cell and object of each positive anchor.
         let mut owners = vec![];
         for group in self.groups() {
@@ -141,8 +138,7 @@ impl Anchors {
         }
         let best = |class: usize| {
             let pairs = [0, 1].map(|r| self.overlaps(&object.bounds, 2 * class + r));
-            let ious = pairs.iter().flatten().map(|(_, iou)| *iou);
-            ious.fold(0.0, f64::max)
+            pairs.iter().flatten().map(|(_, iou)| *iou).fold(0.0, f64::max)
         };
         let bests: Vec<f64> = (0..self.known).map(best).collect();
         (0..self.known).fold(0, |a, b| if bests[b] > bests[a] { b } else { a })
@@ -180,11 +176,8 @@ impl Anchors {
             let pairs: Vec<_> = anchors.clone().flat_map(overlaps).collect();
             let most = pairs.iter().map(|(_, iou)| *iou).fold(0.0, f64::max);
             for (key, iou) in pairs {
-                let entry = best.entry(key).or_insert(Best {
-                    iou: 0.0,
-                    object: number,
-                    is_forced: false,
-                });
+                let entry =
+                    best.entry(key).or_insert(Best { iou: 0.0, object: number, is_forced: false });
                 if iou > entry.iou {
                     (entry.iou, entry.object) = (iou, number);
                 }

@@ -5,13 +5,9 @@ use crate::anchors::nearest;
 use mluc_model::{Grid, Manifest, Network};
 
 fn anchors_with(agnostic: &[[f32; 3]]) -> Anchors {
-    let network = Network {
-        generic: agnostic.len(),
-        ..Network::compact(Grid::kitti_compact(), 3)
-    };
+    let network = Network { generic: agnostic.len(), ..Network::compact(Grid::kitti_compact(), 3) };
     let mut manifest = Manifest::untrained("kitti", network);
-    let sizes = manifest.generic.iter_mut().zip(agnostic);
-    sizes.for_each(|(anchor, size_m)| anchor.size_m = *size_m);
+    manifest.generic.iter_mut().zip(agnostic).for_each(|(anchor, size_m)| anchor.size_m = *size_m);
     Anchors::of(&manifest)
 }
 
@@ -52,8 +48,7 @@ fn plain(anchors: &Anchors, objects: &[LabelledObject]) -> (Vec<(u32, u32)>, Vec
         }
         for (cell, anchor, row) in table {
             let best = row.iter().copied().fold(0.0, f64::max);
-            let mut pairs = row.iter().zip(&most);
-            let forced = pairs.any(|(v, m)| *v > 0.0 && (v - m).abs() < 1e-9);
+            let forced = row.iter().zip(&most).any(|(v, m)| *v > 0.0 && (v - m).abs() < 1e-9);
             let limits = &anchors.classes[class];
             if forced || best >= f64::from(limits.matched_iou) {
                 positives.push((cell, anchor));
@@ -78,8 +73,7 @@ fn agrees_with_the_definition_for_every_anchor() {
     ];
     let targets = anchors.assign(&objects);
     let (positives, ignored) = plain(&anchors, &objects);
-    let found = targets.positives.iter().map(|p| (p.cell, p.anchor));
-    let found: Vec<_> = found.collect();
+    let found: Vec<_> = targets.positives.iter().map(|p| (p.cell, p.anchor)).collect();
     assert_eq!(found, positives);
     assert_eq!(targets.ignored, ignored);
     assert!(found.len() > 8 && !ignored.is_empty(), "{found:?}");
@@ -94,8 +88,7 @@ fn weights_balance_objects_and_classes() {
     ];
     let cells = anchors().assign(&objects).cells;
     let sum = |class| {
-        let of_class = cells.iter().filter(|c| c.is == CellClass::Known(class));
-        of_class.map(|c| c.weight).sum::<f32>()
+        cells.iter().filter(|c| c.is == CellClass::Known(class)).map(|c| c.weight).sum::<f32>()
     };
     assert!((sum(0) - 0.5).abs() < 1e-5 && (sum(1) - 0.5).abs() < 1e-5);
     // The pedestrian inside the second car's footprint keeps its own centre.

@@ -7,8 +7,7 @@ const STEPS: [f32; 5] = [4e-3, 2e-3, 1e-3, 2e-4, 5e-5];
 pub(crate) fn assert_slope(name: &str, slope: f64, tolerance: f64, value: impl Fn(f32) -> f64) {
     let found = STEPS.map(|h| (value(h) - value(-h)) / (2.0 * f64::from(h)));
     let agrees = |found: &f64| (found - slope).abs() < tolerance * (1.0 + found.abs());
-    let is_right = found.iter().any(agrees);
-    assert!(is_right, "{name}: {found:?} against {slope}");
+    assert!(found.iter().any(agrees), "{name}: {found:?} against {slope}");
 }
 
 /// Panics unless `gradient` is the gradient of `value` at `x`.

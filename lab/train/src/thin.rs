@@ -17,8 +17,7 @@ pub fn thin(points: &mut Vec<[f32; 4]>, random: &mut Random) {
         let band_rad = random.uniform(BAND_RAD[0], BAND_RAD[1]) as f32;
         let kept = random.uniform(KEPT[0], KEPT[1]);
         let bands = (std::f32::consts::PI / band_rad).ceil() as usize + 1;
-        let stays = (0..bands).map(|_| random.uniform(0.0, 1.0) < kept);
-        let stays: Vec<bool> = stays.collect();
+        let stays: Vec<bool> = (0..bands).map(|_| random.uniform(0.0, 1.0) < kept).collect();
         points.retain(|[x, y, z, _]| {
             let elevation_rad = z.atan2(x.hypot(*y)) + std::f32::consts::FRAC_PI_2;
             stays[(elevation_rad / band_rad) as usize]
@@ -60,8 +59,7 @@ mod tests {
             };
             let near: Vec<usize> = (0..16).map(|beam| of(beam, true)).collect();
             let far: usize = (0..16).map(|beam| of(beam, false)).sum();
-            let is_whole = near.iter().all(|n| *n == 0 || *n > 170);
-            assert!(is_whole, "whole beams: {near:?}");
+            assert!(near.iter().all(|n| *n == 0 || *n > 170), "whole beams: {near:?}");
             beams_lost += usize::from(near.contains(&0));
             reach_lost += usize::from(far * 2 < near.iter().sum());
             untouched += usize::from(points.len() == all.len());

@@ -49,13 +49,7 @@ impl Trainer {
             adam: Adam::new(chain.parameters),
             step: 0,
         };
-        Trainer {
-            pool: Pool::new(chain.parameters),
-            chain,
-            state,
-            schedule,
-            losses,
-        }
+        Trainer { pool: Pool::new(chain.parameters), chain, state, schedule, losses }
     }
 
     /// One step.
@@ -97,8 +91,7 @@ fn follow_statistics(state: &mut TrainState, pass: &Pass) {
     for (running, batch) in pairs.filter(|(_, batch)| batch.count >= 2.0) {
         let unbiased = (batch.count / (batch.count - 1.0)) as f32;
         let mix = |to: &mut [f32], from: &[f32], scale: f32| {
-            let pairs = to.iter_mut().zip(from);
-            pairs.for_each(|(to, from)| *to += share * (from * scale - *to));
+            to.iter_mut().zip(from).for_each(|(to, from)| *to += share * (from * scale - *to));
         };
         mix(&mut running.mean, &batch.mean, 1.0);
         mix(&mut running.var, &batch.var, unbiased);

@@ -13,18 +13,11 @@ fn batch(step: u64) -> Batch {
     for (number, point) in scans.iter_mut().flatten().enumerate() {
         point[0] += 0.02 * ((step as usize * 7 + number) % 5) as f32;
     }
-    Batch {
-        plan: Planner::new(&network).plan(&scans),
-        targets: targets(&network),
-    }
+    Batch { plan: Planner::new(&network).plan(&scans), targets: targets(&network) }
 }
 
 fn trainer_of(network: &Network, steps: u64, prototype_scale: f32, seed: u64) -> Trainer {
-    let losses = LossSettings {
-        prototype_scale,
-        variance_weight: 0.01,
-        ..LossSettings::default()
-    };
+    let losses = LossSettings { prototype_scale, variance_weight: 0.01, ..LossSettings::default() };
     Trainer::new(network, Schedule::new(3e-3, steps), losses, seed)
 }
 
@@ -42,8 +35,7 @@ fn the_loss_falls() {
     for bf16 in [false, true] {
         let mut trainer = trainer(300);
         let chain = &mut trainer.chain;
-        let layers = chain.sparse.iter_mut().chain(&mut chain.block1);
-        layers.for_each(|layer| layer.bf16 = bf16);
+        chain.sparse.iter_mut().chain(&mut chain.block1).for_each(|layer| layer.bf16 = bf16);
         let losses = train(&mut trainer, 0..300);
         let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
         let (first, last) = (mean(&losses[..10]), mean(&losses[290..]));
@@ -150,8 +142,7 @@ fn one_thread_or_two_give_the_same_bits() {
         builder.build().expect("threads").install(|| {
             let mut t = trainer(6);
             train(&mut t, 0..6);
-            let parameters = t.state.parameters.iter();
-            parameters.map(|p| p.to_bits()).collect::<Vec<u32>>()
+            t.state.parameters.iter().map(|p| p.to_bits()).collect::<Vec<u32>>()
         })
     };
     assert_eq!(run(1), run(2));

@@ -30,8 +30,7 @@ impl<V: Value> Convolution<V> {
         if !V::ROUNDS {
             return convolution;
         }
-        let rounded = empty_response.iter().map(|value| V::from_f32(*value));
-        let rounded: Vec<V> = rounded.collect();
+        let rounded: Vec<V> = empty_response.iter().map(|value| V::from_f32(*value)).collect();
         let gather = Gather::new(layer.taps, vec![0; layer.taps]);
         let mut found = vec![0.0; layer.cout];
         let (weights, epilogue) = (&convolution.weights, Epilogue::default());
@@ -46,12 +45,8 @@ impl<V: Value> Convolution<V> {
     pub(crate) fn by_tap(layer: &Folded, empty_response: &[f32]) -> Vec<Convolution<V>> {
         let taps = layer.weights.chunks_exact(layer.cin * layer.cout);
         taps.map(|tap| {
-            let layer = Folded {
-                taps: 1,
-                weights: tap.to_vec(),
-                bias: layer.bias.clone(),
-                ..*layer
-            };
+            let layer =
+                Folded { taps: 1, weights: tap.to_vec(), bias: layer.bias.clone(), ..*layer };
             Convolution::around(&layer, empty_response)
         })
         .collect()
@@ -75,10 +70,7 @@ impl<V: Value> Convolution<V> {
     }
 
     pub(crate) fn epilogue(&self) -> Epilogue<'_> {
-        Epilogue {
-            bias: Some(&self.bias),
-            relu: true,
-        }
+        Epilogue { bias: Some(&self.bias), relu: true }
     }
 }
 
@@ -87,14 +79,12 @@ fn sums(layer: &Folded, row: &[f32]) -> Vec<f32> {
     let mut sums = vec![0.0; layer.cout];
     let weights = layer.weights.chunks_exact(layer.cout.max(1));
     for (weights, value) in weights.zip(row.iter().cycle()) {
-        let pairs = sums.iter_mut().zip(weights);
-        pairs.for_each(|(sum, weight)| *sum += weight * value);
+        sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * value);
     }
     sums
 }
 
 /// The output of a layer with its bias and ReLU, if every tap reads the same row.
 pub(crate) fn response(layer: &Folded, row: &[f32]) -> Vec<f32> {
-    let sums = sums(layer, row).into_iter().zip(&layer.bias);
-    sums.map(|(sum, bias)| (sum + bias).max(0.0)).collect()
+    sums(layer, row).into_iter().zip(&layer.bias).map(|(sum, bias)| (sum + bias).max(0.0)).collect()
 }

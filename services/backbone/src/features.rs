@@ -73,8 +73,7 @@ impl<V: Value> Features<V> {
 
     /// Computes the rows into `rows`, one for each of `cells`.
     pub(crate) fn write(&self, block1: &PlaneLayer<V>, block2: &PlaneLayer<V>, rows: &mut [f32]) {
-        self.up1
-            .run(&block1.values, &self.gather1, Some(&self.rows1), rows);
+        self.up1.run(&block1.values, &self.gather1, Some(&self.rows1), rows);
         for (up2, to) in self.up2.iter().zip(&self.rows2) {
             up2.run(&block2.values, &self.gather2, Some(to), rows);
         }

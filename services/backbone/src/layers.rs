@@ -109,10 +109,7 @@ impl<V: Value> Layers<V> {
         }
         self.features.place(active);
         watch.step("rows");
-        Frame {
-            points,
-            rows: self.cells().len(),
-        }
+        Frame { points, rows: self.cells().len() }
     }
 
     /// The last frame's feature rows, one for each of [`Layers::cells`].
@@ -145,7 +142,6 @@ fn scatter<T: Copy>(sites: &Sites, rows: &[T], channels: usize, map: &mut [T]) {
     for (site, row) in sites.coordinates().iter().zip(rows.chunks_exact(channels)) {
         let [z, y, x] = site.map(usize::from);
         let cell = &mut map[(y * width + x) * channels * depth..][..channels * depth];
-        let places = cell[z..].iter_mut().step_by(depth);
-        places.zip(row).for_each(|(to, from)| *to = *from);
+        cell[z..].iter_mut().step_by(depth).zip(row).for_each(|(to, from)| *to = *from);
     }
 }

@@ -83,20 +83,13 @@ impl<V: Value> PlaneLayer<V> {
         let by_tiles = by_tiles
             .then(|| WeightsWinograd::pack(folded.cin, folded.cout, &folded.weights))
             .flatten()
-            .map(|weights| ByTiles {
-                weights,
-                tiles: WinogradTiles::new(shape),
-            });
+            .map(|weights| ByTiles { weights, tiles: WinogradTiles::new(shape) });
         let taps = if by_tiles.is_some() { 0 } else { cells * 9 };
         let reads = input.scale.counts(&input.empty_response);
         Ok(PlaneLayer {
             name: layer.name.clone(),
             convolution: Convolution::around(&folded, &reads),
-            output: MapRows {
-                shape,
-                scale,
-                empty_response,
-            },
+            output: MapRows { shape, scale, empty_response },
             stride: layer.stride,
             has_halo,
             input_shape: input.shape,
@@ -132,8 +125,7 @@ impl<V: Value> PlaneLayer<V> {
         let (active, gather) = (&self.active, &mut self.gather);
         window_gather(active, self.input_shape, self.stride, read, gather);
         let output_rows = Some(&active.list[..]);
-        self.convolution
-            .run(input, gather, output_rows, &mut self.values);
+        self.convolution.run(input, gather, output_rows, &mut self.values);
     }
 
     /// Computes the active cells by tiles; `None` if this layer cannot.

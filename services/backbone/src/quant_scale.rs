@@ -41,8 +41,7 @@ impl QuantScale {
         if let Some(scale) = &output.0 {
             let rows = layer.weights.chunks_exact_mut(layer.cout);
             for row in rows.chain([&mut layer.bias[..]]) {
-                let pairs = row.iter_mut().zip(scale);
-                pairs.for_each(|(value, one)| *value /= one);
+                row.iter_mut().zip(scale).for_each(|(value, one)| *value /= one);
             }
         }
         layer
@@ -52,8 +51,7 @@ impl QuantScale {
     pub(crate) fn apply(&self, rows: &mut [f32]) {
         if let Some(scale) = &self.0 {
             for row in rows.chunks_exact_mut(scale.len()) {
-                let pairs = row.iter_mut().zip(scale);
-                pairs.for_each(|(value, one)| *value *= one);
+                row.iter_mut().zip(scale).for_each(|(value, one)| *value *= one);
             }
         }
     }
@@ -63,8 +61,7 @@ impl QuantScale {
         let Some(scale) = &self.0 else {
             return row.to_vec();
         };
-        let pairs = row.iter().zip(scale);
-        pairs.map(|(value, one)| value / one).collect()
+        row.iter().zip(scale).map(|(value, one)| value / one).collect()
     }
 }
 

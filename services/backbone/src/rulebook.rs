@@ -145,8 +145,7 @@ mod tests {
                 let k = [tap / (rows * columns), tap / columns % rows, tap % columns];
                 let padded = [0, 1, 2].map(|i| (at[i] * layer.stride[i] + k[i]) as i64);
                 let read = [0, 1, 2].map(|i| padded[i] - layer.padding[i] as i64);
-                let mut sites = input.coordinates().iter();
-                let row = sites.position(|site| site.map(i64::from) == read);
+                let row = input.coordinates().iter().position(|site| site.map(i64::from) == read);
                 row.map_or(ABSENT, |row| row as u32)
             };
             let taps: Vec<u32> = (0..layer.taps()).map(read).collect();

@@ -26,8 +26,7 @@ impl Sites {
     ///
     /// Panics if an edge exceeds 65,536 cells; a checked manifest bounds the edges.
     pub fn new(shape: [usize; 3]) -> Sites {
-        let fits = shape.iter().all(|edge| *edge <= 1 << 16);
-        assert!(fits, "grid {shape:?} is too large");
+        assert!(shape.iter().all(|edge| *edge <= 1 << 16), "grid {shape:?} is too large");
         let words_per_row = shape[2].div_ceil(64);
         let words = shape[0] * shape[1] * words_per_row;
         Sites {
@@ -231,8 +230,7 @@ mod tests {
     fn looking_along_a_row_finds_the_sites_there() {
         let sites = random_sites([2, 3, 130], 300, 9);
         let index_of = |at: [isize; 3]| {
-            let mut sites = sites.coordinates().iter();
-            let row = sites.position(|site| site.map(|v| v as isize) == at);
+            let row = sites.coordinates().iter().position(|site| site.map(|v| v as isize) == at);
             row.map_or(ABSENT, |row| row as u32)
         };
         for (z, y) in [(0, 0), (1, 2), (-1, 0), (2, 0), (0, 3)] {

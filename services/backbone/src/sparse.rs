@@ -39,8 +39,7 @@ impl<V: Value> SparsePart<V> {
         scale: impl Fn(&str, usize) -> Result<QuantScale>,
     ) -> Result<SparsePart<V>> {
         let network = manifest.network.clone();
-        let outputs = network.sparse.iter();
-        let outputs = outputs.map(|layer| scale(&layer.name, layer.cout));
+        let outputs = network.sparse.iter().map(|layer| scale(&layer.name, layer.cout));
         let outputs = outputs.collect::<Result<Vec<_>>>()?;
         let folded = |number: usize| {
             let layer = Folded::sparse(weights, &network.sparse[number])?;
@@ -111,8 +110,7 @@ impl<V: Value> SparsePart<V> {
     }
 
     pub(crate) fn sites(&self) -> &Sites {
-        self.books
-            .sites_after(self.others.len(), &self.voxels.sites)
+        self.books.sites_after(self.others.len(), &self.voxels.sites)
     }
 
     pub(crate) fn scale(&self) -> &QuantScale {
@@ -124,17 +122,11 @@ impl<V: Value> SparsePart<V> {
 fn level(points: &[[f32; 4]], ground_m: &[f32], levelled: &mut Vec<[f32; 4]>) {
     levelled.resize(points.len(), [0.0; 4]);
     let chunks = levelled.par_chunks_mut(POINTS_A_TASK);
-    chunks
-        .zip(points.par_chunks(POINTS_A_TASK))
-        .for_each(|(levelled, points)| {
-            for (levelled, &[x, y, z, intensity]) in levelled.iter_mut().zip(points) {
-                let is_return = x * x + y * y + z * z >= NEAREST_SQUARED;
-                let ground_m = if is_return {
-                    ground_height_m(ground_m, [x, y])
-                } else {
-                    f32::MIN
-                };
-                *levelled = [x, y, z - ground_m, intensity];
-            }
-        });
+    chunks.zip(points.par_chunks(POINTS_A_TASK)).for_each(|(levelled, points)| {
+        for (levelled, &[x, y, z, intensity]) in levelled.iter_mut().zip(points) {
+            let is_return = x * x + y * y + z * z >= NEAREST_SQUARED;
+            let ground_m = if is_return { ground_height_m(ground_m, [x, y]) } else { f32::MIN };
+            *levelled = [x, y, z - ground_m, intensity];
+        }
+    });
 }

@@ -53,12 +53,7 @@ impl Watch<'_> {
                 scale.apply(written_out);
                 values = written_out;
             }
-            observer(Level {
-                name,
-                place,
-                channels,
-                values,
-            });
+            observer(Level { name, place, channels, values });
         }
     }
 

@@ -92,10 +92,7 @@ pub fn localize(grid: &Grid, voxels: &mut Voxels) {
 
 /// Opens the voxels and records the voxel of each point.
 fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
-    let mut counts = PointCounts {
-        points: points.len() as u32,
-        ..PointCounts::default()
-    };
+    let mut counts = PointCounts { points: points.len() as u32, ..PointCounts::default() };
     voxels.sites.clear();
     voxels.placed.clear();
     voxels.addresses.resize(points.len(), OUT_OF_RANGE);
@@ -160,8 +157,7 @@ fn average(points: &[[f32; 4]], grid: &Grid, uses_intensity: bool, voxels: &mut 
         if points_of_site[site] < grid.points_per_voxel_max {
             points_of_site[site] += 1;
             let row = &mut rows[site * VOXEL_CHANNELS..][..VOXEL_CHANNELS];
-            let pairs = row.iter_mut().zip(points[number as usize]);
-            pairs.for_each(|(sum, value)| *sum += value);
+            row.iter_mut().zip(points[number as usize]).for_each(|(sum, value)| *sum += value);
         }
     }
     for (row, count) in rows.chunks_exact_mut(VOXEL_CHANNELS).zip(points_of_site) {

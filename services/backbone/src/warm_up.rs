@@ -12,9 +12,8 @@ const LOWEST_RAD: f32 = -0.43;
 pub(crate) fn scan(manifest: &Manifest) -> Vec<[f32; 4]> {
     let grid = &manifest.network.grid;
     let top_m = grid.range_max_m[2];
-    let far_m = (0..2).fold(0.0_f32, |far, axis| {
-        far.max(grid.range_max_m[axis]).max(-grid.range_min_m[axis])
-    });
+    let far_m = (0..2)
+        .fold(0.0_f32, |far, axis| far.max(grid.range_max_m[axis]).max(-grid.range_min_m[axis]));
     let point = move |beam: usize, column: usize| {
         let down = LOWEST_RAD * (beam as f32 + 0.5) / BEAMS as f32;
         let around = std::f32::consts::TAU * column as f32 / COLUMNS as f32;

@@ -162,8 +162,7 @@ fn levels_are_shown_as_f32_in_any_precision() -> Fallible {
             let largest = level.values.iter().copied().fold(0.0, f32::max);
             levels.push((level.name.to_string(), level.values.len(), largest));
         };
-        let mut backbone = backbone(&manifest, precision)?;
-        backbone.run_observed(&scan(2, "levels"), Coverage::Active, observe);
+        backbone(&manifest, precision)?.run_observed(&scan(2, "levels"), Coverage::Active, observe);
         seen.push(levels);
     }
     assert!(seen[0].len() > 8);
@@ -171,8 +170,7 @@ fn levels_are_shown_as_f32_in_any_precision() -> Fallible {
         assert_eq!(seen[0].len(), short.len());
         for (exact, short) in seen[0].iter().zip(short) {
             assert_eq!((&exact.0, exact.1), (&short.0, short.1));
-            let is_close = (exact.2 - short.2).abs() <= 0.15 * exact.2;
-            assert!(is_close, "{exact:?} and {short:?}");
+            assert!((exact.2 - short.2).abs() <= 0.15 * exact.2, "{exact:?} and {short:?}");
         }
     }
     Ok(())

@@ -126,8 +126,7 @@ pub fn status_line(status: &Status) -> Value {
 /// A status as JSON; `state` is `?` if the state is not valid.
 pub fn status_words(status: &Status) -> Value {
     let by_name = |counts: [u64; 4]| {
-        let names = Stage::ALL.map(Stage::name).into_iter();
-        names.zip(counts).collect::<BTreeMap<_, _>>()
+        Stage::ALL.map(Stage::name).into_iter().zip(counts).collect::<BTreeMap<_, _>>()
     };
     json!({
         "state": state_word(status),
@@ -244,8 +243,7 @@ pub fn line<'a>(
 
 pub(crate) fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectLine<'a> {
     let is_known = object.kind == ObjectKind::Known as u32;
-    let class = classes.get(object.class_id as usize);
-    let class = class.map_or("?", String::as_str);
+    let class = classes.get(object.class_id as usize).map_or("?", String::as_str);
     let news = object.track();
     let corners = (object.footprint_count as usize).min(object.footprint_m.len());
     ObjectLine {

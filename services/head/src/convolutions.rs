@@ -14,10 +14,7 @@ impl RowHead {
     pub(crate) fn run(&self, rows: &[f32], which: &Gather, output: &mut Vec<f32>) {
         // Every value is overwritten.
         output.resize(which.outputs() * self.weights.cout, 0.0);
-        let epilogue = Epilogue {
-            bias: Some(&self.bias),
-            relu: false,
-        };
+        let epilogue = Epilogue { bias: Some(&self.bias), relu: false };
         convolve(rows, which, &self.weights, epilogue, None, output);
     }
 }
@@ -61,8 +58,7 @@ impl RowHeads {
     /// The heads in the order of [`Network::heads`].
     pub(crate) fn in_order(&self) -> impl Iterator<Item = &RowHead> {
         let first = [&self.presence].into_iter().chain(&self.embedding);
-        let boxes = first.chain([&self.box_code, &self.direction]);
-        boxes.chain(&self.unknown)
+        first.chain([&self.box_code, &self.direction]).chain(&self.unknown)
     }
 }
 

@@ -119,10 +119,9 @@ mod tests {
     #[test]
     fn a_box_comes_back_from_its_code() {
         let anchor = Box3::new([10.0, -5.0, -1.0, 3.9, 1.6, 1.56, 1.57]);
-        for found in [
-            [11.0, -4.5, -0.8, 4.6, 1.8, 1.4, 2.9],
-            [9.0, -6.0, -1.2, 0.8, 0.6, 1.7, -3.0],
-        ] {
+        for found in
+            [[11.0, -4.5, -0.8, 4.6, 1.8, 1.4, 2.9], [9.0, -6.0, -1.2, 0.8, 0.6, 1.7, -3.0]]
+        {
             let code = encode(&Box3::new(found), &anchor).map(|value| value as f32);
             let back = decode(&code, &anchor).expect("a finite code");
             let values = [&back.center_m[..], &back.size_m, &[back.yaw_rad]].concat();

@@ -18,8 +18,7 @@ pub fn threshold_of(gate: GateKind, thresholds: &Thresholds) -> f32 {
 pub fn main_gate(is_open: bool, thresholds: &Thresholds) -> GateKind {
     let first = is_open.then_some(GateKind::UnknownProbability).into_iter();
     let mut gates = first.chain([GateKind::Eds, GateKind::SoftmaxMax]);
-    let main = gates.find(|gate| threshold_of(*gate, thresholds) > 0.0);
-    main.unwrap_or(GateKind::None)
+    gates.find(|gate| threshold_of(*gate, thresholds) > 0.0).unwrap_or(GateKind::None)
 }
 
 /// Applies every threshold of a model. The gate fires if e is too small (the embedding lies near the prototypes' centre; e is never below 1, so a
@@ -63,11 +62,7 @@ mod tests {
     #[test]
     fn a_doubt_needs_the_logit_of_the_unknown_where_there_is_one() {
         use GateKind::{Eds, None as NoGate, SoftmaxMax, UnknownProbability as Logit};
-        let scores = Detection {
-            eds_normalised: 1.2,
-            softmax_max: 0.4,
-            ..Detection::default()
-        };
+        let scores = Detection { eds_normalised: 1.2, softmax_max: 0.4, ..Detection::default() };
         let network = Network::compact(Grid::udi(), 3);
         let mut thresholds = Manifest::untrained("t", network).thresholds;
         let (known, candidate) = (DetectionKind::Known, DetectionKind::Candidate);

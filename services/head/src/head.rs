@@ -36,10 +36,7 @@ impl Head {
         let empty_objectness_max = manifest.empty_objectness_max;
         let objectness_min = manifest.thresholds.objectness_min;
         if empty_objectness_max >= objectness_min {
-            return Err(HeadError::FiresOnNothing {
-                empty_objectness_max,
-                objectness_min,
-            });
+            return Err(HeadError::FiresOnNothing { empty_objectness_max, objectness_min });
         }
         let network = &manifest.network;
         Ok(Head {
@@ -89,12 +86,7 @@ impl Head {
         let counts =
             |d: &Detection| d.has_class() || is_unknown(d.unknown_probability, unknown_min);
         detections.extend(described.filter(counts));
-        Ok(HeadCounts {
-            candidates,
-            over_candidates_max,
-            non_finite,
-            boxes_max_reached,
-        })
+        Ok(HeadCounts { candidates, over_candidates_max, non_finite, boxes_max_reached })
     }
 
     /// The outputs of the 1x1 convolutions for every row, in the order of [`mluc_model::Network::heads`]; for tests against other implementations.
@@ -113,24 +105,16 @@ impl Head {
     pub fn objectness_max(&self, rows: &[f32]) -> f32 {
         let logits = self.outputs(rows).swap_remove(0).into_iter();
         // Removes the sign that a NaN may have: a negative NaN would sort first.
-        let all = logits.map(|logit| sigmoid(logit).abs());
-        all.max_by(f32::total_cmp).unwrap_or(0.0)
+        logits.map(|logit| sigmoid(logit).abs()).max_by(f32::total_cmp).unwrap_or(0.0)
     }
 
     fn check(&self, cells: &[u32], rows: &[f32]) -> Result<(), HeadError> {
         let expected = cells.len() * self.channels;
         if rows.len() != expected {
-            return Err(HeadError::Length {
-                cells: cells.len(),
-                expected,
-                found: rows.len(),
-            });
+            return Err(HeadError::Length { cells: cells.len(), expected, found: rows.len() });
         }
         match cells.iter().find(|cell| **cell as usize >= self.map_cells) {
-            Some(&found) => Err(HeadError::Cell {
-                expected: self.map_cells,
-                found,
-            }),
+            Some(&found) => Err(HeadError::Cell { expected: self.map_cells, found }),
             None => Ok(()),
         }
     }
@@ -226,8 +210,7 @@ impl Head {
         found.yaw_rad = direct(found.yaw_rad, usize::from(bins[1] > bins[0]));
         let mut values = self.embedding(candidate).iter().chain(&candidate.unknown);
         // False for NaN.
-        let are_sound = values.all(|value| value.abs() < VALUE_MAX);
-        are_sound.then_some(found)
+        values.all(|value| value.abs() < VALUE_MAX).then_some(found)
     }
 
     /// Non-maximum suppression over all boxes of any class, then over the class-agnostic boxes, which only suppress each other and come last.
@@ -311,8 +294,7 @@ impl Head {
     fn scores(&self, f: &[f32]) -> Detection {
         let mut scores = self.prototypes.scores(f);
         if self.kind == HeadKind::Sigmoid {
-            let pairs = scores.probabilities.iter_mut().zip(f);
-            pairs.for_each(|(p, logit)| *p = sigmoid(*logit));
+            scores.probabilities.iter_mut().zip(f).for_each(|(p, logit)| *p = sigmoid(*logit));
             scores.softmax_max = scores.probabilities.iter().copied().fold(0.0, f32::max);
         }
         scores

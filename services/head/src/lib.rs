@@ -31,17 +31,10 @@ pub enum HeadError {
         "model: an empty scene reaches objectness {empty_objectness_max}, which must be below objectness_min \
          {objectness_min}: raise the threshold or train further"
     )]
-    FiresOnNothing {
-        empty_objectness_max: f32,
-        objectness_min: f32,
-    },
+    FiresOnNothing { empty_objectness_max: f32, objectness_min: f32 },
     /// The lengths of cells and rows do not match.
     #[error("features: {expected} values for {cells} cells needed, {found} given")]
-    Length {
-        cells: usize,
-        expected: usize,
-        found: usize,
-    },
+    Length { cells: usize, expected: usize, found: usize },
     /// A cell beyond the map.
     #[error("features: cells must be below {expected}, found {found}")]
     Cell { expected: usize, found: u32 },

@@ -22,8 +22,7 @@ pub struct Prototypes {
 impl Prototypes {
     /// `classes` = C, 2 to [`CLASSES_MAX`]; `scale` = T, above 0. A checked manifest satisfies both.
     pub fn new(classes: usize, scale: f32) -> Prototypes {
-        let fits = (2..=CLASSES_MAX).contains(&classes) && scale > 0.0;
-        assert!(fits, "C = {classes}, T = {scale}");
+        assert!((2..=CLASSES_MAX).contains(&classes) && scale > 0.0, "C = {classes}, T = {scale}");
         Prototypes { classes, scale }
     }
 
@@ -48,8 +47,7 @@ impl Prototypes {
         let d_min = d.iter().copied().fold(f32::INFINITY, f32::min);
 
         let mut probabilities = [0.0; CLASSES_MAX];
-        let pairs = probabilities.iter_mut().zip(d);
-        pairs.for_each(|(p, d)| *p = (d_min - d).exp());
+        probabilities.iter_mut().zip(d).for_each(|(p, d)| *p = (d_min - d).exp());
         let sum: f32 = probabilities.iter().sum();
         probabilities.iter_mut().for_each(|p| *p /= sum);
 
@@ -94,8 +92,7 @@ mod tests {
             let c = classes as f32;
             for sample in 0..20 {
                 let uniform = |i| formula_uniform("f", number * 1000 + sample * 10 + i);
-                let f = (0..classes).map(|i| (uniform(i) * 8.0 - 3.0) as f32);
-                let f: Vec<f32> = f.collect();
+                let f: Vec<f32> = (0..classes).map(|i| (uniform(i) * 8.0 - 3.0) as f32).collect();
                 let scores = Prototypes::new(classes, t).scores(&f);
                 let (squares, sum): (f32, f32) = (f.iter().map(|f| f * f).sum(), f.iter().sum());
                 close(scores.eds, c * squares - 2.0 * t * sum + c * t * t);

@@ -9,11 +9,7 @@ type Fallible = Result<(), Box<dyn std::error::Error>>;
 
 fn manifest(head: HeadKind, generic: usize) -> Manifest {
     let grid = Grid::kitti_compact().within([0.0, 6.4], [-3.2, 3.2]);
-    let network = Network {
-        head,
-        generic,
-        ..Network::compact(grid, 3)
-    };
+    let network = Network { head, generic, ..Network::compact(grid, 3) };
     Manifest::untrained("small", network)
 }
 
@@ -154,8 +150,7 @@ fn random_rows_give_the_same_bits_with_one_and_two_threads_and_little_overlap() 
     manifest.thresholds.nms_iou = 0.2;
     let cells: Vec<u32> = (0..256).collect();
     let values = 0..256 * manifest.network.feature_channels();
-    let rows = values.map(|i| formula_uniform("rows", i) as f32);
-    let rows: Vec<f32> = rows.collect();
+    let rows: Vec<f32> = values.map(|i| formula_uniform("rows", i) as f32).collect();
     let head = Head::new(&manifest, &formula_weights(&manifest.network))?;
     let run = |threads: usize| -> Result<Vec<Detection>, Box<dyn std::error::Error>> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
@@ -244,7 +239,6 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     row[103] = 1.5;
     let (detections, counts) = detect(&mut head, &[cell as u32], &row)?;
     assert_eq!((detections.len(), counts.boxes_max_reached), (1, true));
-    let has_class = detections[0].has_class();
-    assert!(has_class, "the box with a class comes first");
+    assert!(detections[0].has_class(), "the box with a class comes first");
     Ok(())
 }

@@ -52,9 +52,7 @@ pub fn inspect_bin(bytes: &[u8]) -> DecodeReport {
 /// Reads points into `out`, in file order. Keeps at most `out.len()` points, and at most [`POINTS_MAX`]. Elements beyond
 /// `points_out` are not touched.
 pub fn decode_bin(bytes: &[u8], out: &mut [Point]) -> DecodeReport {
-    decode_with(bytes, out.len().min(POINTS_MAX), |index, point| {
-        out[index] = point
-    })
+    decode_with(bytes, out.len().min(POINTS_MAX), |index, point| out[index] = point)
 }
 
 fn decode_with(bytes: &[u8], most: usize, mut keep: impl FnMut(usize, Point)) -> DecodeReport {
@@ -84,11 +82,7 @@ fn point(bytes: &[u8; POINT_BYTES]) -> Point {
     let (numbers, _) = bytes.as_chunks();
     let [x, y, z, intensity] = std::array::from_fn(|i| f32::from_le_bytes(numbers[i]));
     // A missing intensity is no reason to lose a place.
-    let intensity = if intensity.is_finite() {
-        intensity
-    } else {
-        0.0
-    };
+    let intensity = if intensity.is_finite() { intensity } else { 0.0 };
     bytemuck::cast([x, y, z, intensity])
 }
 

@@ -221,8 +221,7 @@ impl Expected {
         // A wall in front of a narrow field ends all of its beams.
         let is_wide = found.field_deg[1] > NARROW_DEG;
         // On open ground all returns end where the flattest beam meets it.
-        let elevations_deg = found.elevations_deg.iter();
-        let slopes = elevations_deg.map(|deg| -deg.to_radians().tan());
+        let slopes = found.elevations_deg.iter().map(|deg| -deg.to_radians().tan());
         let flattest = slopes.filter(|slope| *slope > 0.0).reduce(f32::min);
         let open_m = (found.height_m.zip(flattest)).map_or(f32::MAX, |(m, slope)| m / slope);
         let ends_m = least_m.min(OPEN_SHARE * open_m);
@@ -273,11 +272,9 @@ impl Expected {
         let [middle_deg, width_deg] = found.field_deg;
         // Merged units with a field each look in their own direction: no gap is judged.
         let is_swept = |azimuth_deg: f32| match self.sensor.as_ref() {
-            Some(SensorProfile {
-                field_deg: Some([middle_deg, width_deg]),
-                units,
-                ..
-            }) => units.is_empty() && degrees_off(azimuth_deg, *middle_deg) <= width_deg / 2.0,
+            Some(SensorProfile { field_deg: Some([middle_deg, width_deg]), units, .. }) => {
+                units.is_empty() && degrees_off(azimuth_deg, *middle_deg) <= width_deg / 2.0
+            }
             _ => true,
         };
         let sectors = (0..SECTORS).map(direction_rad);
@@ -340,10 +337,8 @@ impl Expected {
         let [highest, lowest] = found.vertical_field_deg;
         let beyond_deg = (highest - top).max(bottom - lowest);
         // Nor do beams that the robot itself hides all around.
-        let is_hidden = |deg: f32| {
-            let mut blind = sensor.blind.iter();
-            blind.any(|b| b.azimuth_deg[1] >= 360.0 && deg <= b.below_deg)
-        };
+        let is_hidden =
+            |deg: f32| sensor.blind.iter().any(|b| b.azimuth_deg[1] >= 360.0 && deg <= b.below_deg);
         let is_seen = |deg: &&f32| **deg < highest + 0.5 && !is_hidden(**deg);
         let seen = beams.iter().filter(is_seen).count();
         let ratio = found.beams as f32 / seen.max(1) as f32;
@@ -415,11 +410,7 @@ impl Guard {
         let found = self.estimator.estimate();
         self.expected.judge(found, newest);
         let is_sound = found.height_m.is_some() && newest.is_empty();
-        let left = if is_sound {
-            EXCUSED_LOOKS
-        } else {
-            self.excused
-        };
+        let left = if is_sound { EXCUSED_LOOKS } else { self.excused };
         self.excused = left.saturating_sub(1);
         for reason in newest.iter_mut().filter(|_| left > 0) {
             *reason = match *reason {
@@ -479,12 +470,8 @@ mod tests {
         Expected::new(&manifest, None)
     }
 
-    const TAKES: Takes = Takes {
-        beams: [0, 200],
-        height_m: [1.0, 2.0],
-        tilt_max_deg: 5.0,
-        points: [0, 200_000],
-    };
+    const TAKES: Takes =
+        Takes { beams: [0, 200], height_m: [1.0, 2.0], tilt_max_deg: 5.0, points: [0, 200_000] };
 
     /// Flat ground at this depth below the sensor.
     fn ground(height_m: f32, shift: f32) -> Vec<Point> {
@@ -502,11 +489,7 @@ mod tests {
         let point = |number: u16| {
             let (sin, cos) = (f32::from(number / 16) * 0.4).to_radians().sin_cos();
             let slope = (f32::from(number % 16) * 2.0 - 15.0).to_radians().tan();
-            let z_m = if slope < 0.0 {
-                -height_m
-            } else {
-                ceiling_m - height_m
-            };
+            let z_m = if slope < 0.0 { -height_m } else { ceiling_m - height_m };
             let at_m = z_m / slope;
             let point = [at_m * cos, at_m * sin, z_m, 0.5];
             (at_m < 90.0).then(|| bytemuck::cast::<[f32; 4], Point>(point))
@@ -517,10 +500,7 @@ mod tests {
     #[test]
     fn open_ground_and_low_ceilings_are_no_faults() {
         let mut sensor = SensorProfile::load("vlp-16").expect("a product");
-        let takes = Takes {
-            height_m: [0.3, 3.0],
-            ..TAKES
-        };
+        let takes = Takes { height_m: [0.3, 3.0], ..TAKES };
         for (height_m, ceiling_m) in [(1.7, f32::MAX), (0.4, f32::MAX), (0.5, 2.5), (0.8, 2.8)] {
             sensor.height_m = Some(height_m);
             let mut expected = expected(takes.clone());
@@ -544,10 +524,7 @@ mod tests {
             expected(TAKES).judge(&found, &mut reasons);
             reasons.iter().any(|r| r.flag() == Flags::SUSPECT_TILT)
         };
-        assert_eq!(
-            [5.9, -5.9, 6.1, -6.1].map(is_told),
-            [false, false, true, true]
-        );
+        assert_eq!([5.9, -5.9, 6.1, -6.1].map(is_told), [false, false, true, true]);
     }
 
     #[test]
@@ -639,8 +616,7 @@ mod tests {
         for (scans_before, looks, expected_flag) in [(0, 2, unit), (1, 2, height), (1, 310, unit)] {
             let mut guard = Guard::new(expected(TAKES));
             let scans = std::iter::repeat_n(&street, scans_before);
-            let scans = scans.chain(std::iter::repeat_n(&below, looks));
-            scans.for_each(|scan| guard.look(scan, 0));
+            scans.chain(std::iter::repeat_n(&below, looks)).for_each(|scan| guard.look(scan, 0));
             let flags = guard.reasons.iter().map(Reason::flag);
             assert_eq!(flags.collect::<Vec<_>>(), [expected_flag], "{looks}");
         }
@@ -651,8 +627,7 @@ mod tests {
         let mut guard = Guard::new(expected(TAKES));
         let report = DecodeReport::default();
         let frozen = |guard: &mut Guard, points: &[Point]| {
-            let reasons = guard.check(points, &report);
-            reasons.iter().any(|r| r.flag() == Flags::SUSPECT_FROZEN)
+            guard.check(points, &report).iter().any(|r| r.flag() == Flags::SUSPECT_FROZEN)
         };
         let scan = ground(1.5, 0.0);
         let told: Vec<bool> = (0..6).map(|_| frozen(&mut guard, &scan)).collect();

@@ -15,12 +15,8 @@ macro_rules! bundled {
     };
 }
 
-const SCANS: [(&str, &[u8], &str); 4] = [
-    bundled!("000010"),
-    bundled!("000080"),
-    bundled!("000209"),
-    bundled!("000380"),
-];
+const SCANS: [(&str, &[u8], &str); 4] =
+    [bundled!("000010"), bundled!("000080"), bundled!("000209"), bundled!("000380")];
 
 /// The scans as files: `velodyne/NAME.bin` and `label_2/NAME.txt`.
 pub struct BundledScans(TempDir);

@@ -73,11 +73,7 @@ pub(crate) struct ControlWatch {
 
 impl ControlWatch {
     pub(crate) fn new(instance: &Instance) -> ControlWatch {
-        ControlWatch {
-            path: Control::path(instance),
-            read: None,
-            control: Control::default(),
-        }
+        ControlWatch { path: Control::path(instance), read: None, control: Control::default() }
     }
 
     /// The current content; the default if there is no file.

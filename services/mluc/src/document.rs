@@ -22,41 +22,33 @@ fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
 /// The `text` of an error, with a hint if the unknown name is similar to a known one.
 pub(crate) fn with_hint(text: &str, error: &toml::de::Error) -> String {
     let words = unknown_and_known(error.message());
-    let words = words.split_first();
-    let near = words.and_then(|(unknown, known)| nearest(unknown, known.to_vec()));
+    let near = words.split_first().and_then(|(unknown, known)| nearest(unknown, known.to_vec()));
     let hint = near.map(|near| format!("\ndid you mean `{near}`?"));
     format!("{text}{}", hint.unwrap_or_default())
 }
 
 /// The candidate with the fewest edits (insert, delete, change a character), if they are few for the word's length.
 pub(crate) fn nearest<'a>(word: &str, candidates: Vec<&'a str>) -> Option<&'a str> {
-    let candidates = candidates.into_iter();
-    let distances = candidates.map(|name| (strsim::levenshtein(word, name), name));
+    let distances = candidates.into_iter().map(|name| (strsim::levenshtein(word, name), name));
     let limit = word.chars().count().max(3) / 2 + 1;
-    let near = distances.filter(|(distance, _)| *distance <= limit);
-    near.min().map(|(_, name)| name)
+    distances.filter(|(distance, _)| *distance <= limit).min().map(|(_, name)| name)
 }
 
 /// The words in serde's ``unknown field `modle`, expected one of `instance`, `input`, ...`` (or `variant`): the unknown one, then the known ones.
 fn unknown_and_known(message: &str) -> Vec<&str> {
     let is_unknown =
         message.starts_with("unknown field ") || message.starts_with("unknown variant ");
-    let words = message.split('`').skip(1).step_by(2);
-    words.filter(|_| is_unknown).collect()
+    message.split('`').skip(1).step_by(2).filter(|_| is_unknown).collect()
 }
 
 /// All keys of a table of the configuration (`stages.head`; empty: the top), also keys without a default. Empty if there is no such table.
 pub fn known_keys(table: &str) -> Vec<String> {
     let key = format!("{table}.\"?\"");
-    let texts = [
-        format!("{} = 0", key.trim_start_matches('.')),
-        format!("[[{table}]]\n\"?\" = 0"),
-    ];
+    let texts = [format!("{} = 0", key.trim_start_matches('.')), format!("[[{table}]]\n\"?\" = 0")];
     let errors = texts.map(|text| toml::from_str::<Settings>(&text).err());
     let mut errors = errors.iter().flatten().map(toml::de::Error::message);
     let error = errors.find(|error| error.starts_with("unknown field"));
-    let keys = unknown_and_known(error.unwrap_or_default());
-    keys.into_iter().skip(1).map(str::to_string).collect()
+    unknown_and_known(error.unwrap_or_default()).into_iter().skip(1).map(str::to_string).collect()
 }
 
 /// Where the document of a running pipeline lies: in the instance's folder.
@@ -104,11 +96,8 @@ mod tests {
     fn a_document_counts_while_its_pipeline_is_alive() {
         let instance = Instance::new(&format!("document-{}", std::process::id())).unwrap();
         std::fs::create_dir(instance.root()).unwrap();
-        let settings = Settings {
-            instance: instance.clone(),
-            seconds: Some(2.5),
-            ..Settings::default()
-        };
+        let settings =
+            Settings { instance: instance.clone(), seconds: Some(2.5), ..Settings::default() };
         let published = publish(&settings).unwrap();
         let found: Settings = of_running(&instance).unwrap().try_into().unwrap();
         assert_eq!(found, settings);

@@ -84,11 +84,9 @@ pub fn main(has_stdout: bool) -> ExitCode {
         Command::Bench(_) => external::external("mluc-bench", &[]),
         Command::RefinerTest(_) => external::external("mluc-contract", &["refiner"]),
         Command::Clean { instance } => commands::clean(&instance),
-        Command::Exec {
-            supervised_by,
-            cpus,
-            command,
-        } => commands::exec(supervised_by, cpus, &command),
+        Command::Exec { supervised_by, cpus, command } => {
+            commands::exec(supervised_by, cpus, &command)
+        }
     };
     exit_code("mluc", result)
 }

@@ -18,8 +18,7 @@ const BUILT_IN: &[(&str, &[u8])] = built_in!("any-open", "any");
 const PAPER: [&str; 4] = ["kitti", "kitti-open", "udi", "udi-open"];
 
 pub(crate) fn built_in(name: &str) -> Option<&'static [u8]> {
-    let mut models = BUILT_IN.iter();
-    models.find_map(|(own, bytes)| (*own == name).then_some(*bytes))
+    BUILT_IN.iter().find_map(|(own, bytes)| (*own == name).then_some(*bytes))
 }
 
 /// Loads and checks a model. A built-in name wins over a file of that name; `./any-open` is always a file.

@@ -50,8 +50,7 @@ impl Piped {
         // No other process finds the folder before it is locked.
         let hidden = place.join(format!(".{stem}{}", std::process::id()));
         let _ = remove_dir_all(&hidden);
-        let made = DirBuilder::new().mode(0o700).create(&hidden);
-        made.with_context(about)?;
+        DirBuilder::new().mode(0o700).create(&hidden).with_context(about)?;
         let lock = File::open(&hidden).with_context(about)?;
         let _ = lock.try_lock();
         rename(&hidden, &folder).with_context(about)?;
@@ -59,22 +58,15 @@ impl Piped {
         // Locked until this process ends.
         std::mem::forget(lock);
         let mut head = Vec::new();
-        let read = stdin().take(16).read_to_end(&mut head);
-        read.with_context(about)?;
+        stdin().take(16).read_to_end(&mut head).with_context(about)?;
         let mark = BEGINNINGS.iter().find(|(mark, _)| head.starts_with(mark));
         let ending = mark.map_or("bin", |(_, ending)| ending);
         let path = folder.join(format!("stdin.{ending}"));
         let mut file = File::create_new(&path).with_context(about)?;
         let mut limited = head.as_slice().chain(stdin().lock()).take(BYTES_MAX);
         let bytes = copy(&mut limited, &mut file).with_context(about)?;
-        ensure!(
-            bytes < BYTES_MAX,
-            "input -: expected less than {BYTES_MAX} bytes, found more"
-        );
-        ensure!(
-            bytes > 0,
-            "input -: expected a file on standard input, found nothing"
-        );
+        ensure!(bytes < BYTES_MAX, "input -: expected less than {BYTES_MAX} bytes, found more");
+        ensure!(bytes > 0, "input -: expected a file on standard input, found nothing");
         *input = Some(path);
         Ok(Some(piped))
     }

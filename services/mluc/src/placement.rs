@@ -53,8 +53,7 @@ impl StageSettings {
 
     /// The cores, for `mluc exec`.
     pub(crate) fn cpus_argument(&self) -> Option<String> {
-        let cpus = self.cpus.as_ref()?;
-        let words: Vec<String> = cpus.iter().map(usize::to_string).collect();
+        let words: Vec<String> = self.cpus.as_ref()?.iter().map(usize::to_string).collect();
         Some(format!("--cpus={}", words.join(",")))
     }
 }
@@ -83,8 +82,7 @@ pub(crate) fn lock_memory() -> Result<(), String> {
 fn last_cpu() -> usize {
     let text = std::fs::read_to_string("/sys/devices/system/cpu/possible").unwrap_or_default();
     let last = text.trim().rsplit(['-', ',']).next();
-    let last = last.and_then(|word| word.parse().ok());
-    last.unwrap_or(CpuSet::MAX_CPU - 1).min(CpuSet::MAX_CPU - 1)
+    last.and_then(|word| word.parse().ok()).unwrap_or(CpuSet::MAX_CPU - 1).min(CpuSet::MAX_CPU - 1)
 }
 
 /// Cores that this process may run on.

@@ -39,8 +39,7 @@ impl Resolved {
         let flags = flag_layers(&args)?.into_iter();
         layers.extend(flags.map(|table| ("flag".to_string(), table)));
         if joins {
-            let mut later_first = layers.iter().rev();
-            let name = later_first.find_map(|(_, table)| table.get("instance")?.as_str());
+            let name = layers.iter().rev().find_map(|(_, table)| table.get("instance")?.as_str());
             let instance = Instance::new(name.unwrap_or(Instance::DEFAULT));
             let instance = instance.map_err(|error| UsageError(error.to_string()))?;
             if let Some(table) = document::of_running(&instance) {
@@ -68,8 +67,7 @@ impl Resolved {
         let model = model::load_for(&self.settings)?;
         self.settings.complete_from(&model);
         for key in ["lambda", "unknown_min"] {
-            let origin = self.origins.entry(key.to_string());
-            origin.or_insert("model".to_string());
+            self.origins.entry(key.to_string()).or_insert("model".to_string());
         }
         Ok(model)
     }
@@ -83,14 +81,9 @@ impl Resolved {
 
     fn print_table(&self, table: &Table, path: &str, text: &mut String) {
         for (key, value) in table.iter().filter(|(_, value)| !value.is_table()) {
-            let origin = self.origins.get(&below(path, key));
-            let origin = origin.map_or("default", String::as_str);
+            let origin = self.origins.get(&below(path, key)).map_or("default", String::as_str);
             // Defaults stay defaults, and the model's own threshold must not be used with another model: both are commented out.
-            let mark = if ["default", "model"].contains(&origin) {
-                "# "
-            } else {
-                ""
-            };
+            let mark = if ["default", "model"].contains(&origin) { "# " } else { "" };
             *text += &format!("{:40} # {origin}\n", format!("{mark}{key} = {value}"));
         }
         for key in document::known_keys(path) {
@@ -226,9 +219,7 @@ mod tests {
 
     fn resolved(arguments: &[&str]) -> Resolved {
         let cli = Cli::try_parse_from(["mluc", "up"].iter().chain(arguments)).unwrap();
-        let Command::Up(args) = cli.command else {
-            panic!("not up")
-        };
+        let Command::Up(args) = cli.command else { panic!("not up") };
         Resolved::of(args, false).unwrap()
     }
 
@@ -297,8 +288,7 @@ mod tests {
         assert_eq!(again.settings.refiner.score_min.unknown, 0.25);
 
         let mut plain = resolved(&[]);
-        let thresholds = plain.load_model().unwrap().manifest.thresholds;
-        let balanced = thresholds.profiles.unwrap().balanced;
+        let balanced = plain.load_model().unwrap().manifest.thresholds.profiles.unwrap().balanced;
         assert_eq!(plain.settings.refiner.score_min, balanced);
         let plain = plain.print().unwrap();
         for (text, key, origin) in [

@@ -58,10 +58,7 @@ impl Profile {
         match self {
             Profile::Quiet => profiles.map(|profiles| profiles.quiet),
             Profile::Balanced => profiles.map(|profiles| profiles.balanced),
-            Profile::All => Some(ScoreMin {
-                both_readings: true,
-                ..ScoreMin::default()
-            }),
+            Profile::All => Some(ScoreMin { both_readings: true, ..ScoreMin::default() }),
         }
     }
 }
@@ -234,8 +231,7 @@ impl Settings {
     }
 
     fn inputs(&self) -> impl Iterator<Item = &PathBuf> {
-        let lidars = self.lidar.iter().map(|lidar| &lidar.input);
-        lidars.chain(&self.input)
+        self.lidar.iter().map(|lidar| &lidar.input).chain(&self.input)
     }
 
     /// Opens what ingest reads; `None`: nothing is given.
@@ -300,9 +296,7 @@ impl Settings {
         }
         let names: Vec<_> = all.iter().map(|level| level.name()).collect();
         let names = names.join(", ");
-        Err(UsageError(format!(
-            "instruction_set: this processor has {names}, found {name}"
-        )))
+        Err(UsageError(format!("instruction_set: this processor has {names}, found {name}")))
     }
 
     pub(crate) fn check(&self) -> Result<(), UsageError> {
@@ -348,13 +342,11 @@ impl Settings {
         if !self.lidar.is_empty() && (self.input.is_some() || self.repeat) {
             return refused("[[lidar]] goes without input and loop".to_string());
         }
-        let layout = self.layout.check();
-        layout.map_err(|error| UsageError(format!("[layout] {error}")))?;
+        self.layout.check().map_err(|error| UsageError(format!("[layout] {error}")))?;
         for stage in Stage::ALL {
             self.stages[stage].check(stage.name())?;
         }
-        let refiner = self.refiner.check();
-        refiner.map_err(|error| UsageError(format!("[refiner] {error}")))?;
+        self.refiner.check().map_err(|error| UsageError(format!("[refiner] {error}")))?;
         let track = self.track.map_or(Ok(()), |track| track.check());
         track.map_err(|error| UsageError(error.to_string()))
     }
@@ -362,18 +354,13 @@ impl Settings {
 
 impl StageSettings {
     fn of_network() -> StageSettings {
-        StageSettings {
-            threads: NETWORK_THREADS,
-            ..StageSettings::default()
-        }
+        StageSettings { threads: NETWORK_THREADS, ..StageSettings::default() }
     }
 
     fn check(&self, stage: &str) -> Result<(), UsageError> {
         let threads = self.threads;
         if !(1..=256).contains(&threads) {
-            return refused(format!(
-                "threads of {stage} must be 1 to 256, found {threads}"
-            ));
+            return refused(format!("threads of {stage} must be 1 to 256, found {threads}"));
         }
         let limits = [
             ("budget_ms", self.budget_ms.unwrap_or(0)),
@@ -435,8 +422,7 @@ mod switch {
         match Value::deserialize(from)? {
             Value::Boolean(is_on) => Ok(is_on.then(TrackSettings::default)),
             Value::Table(table) => {
-                let settings = table.try_into().map(Some);
-                settings.map_err(|error| D::Error::custom(error.message()))
+                table.try_into().map(Some).map_err(|error| D::Error::custom(error.message()))
             }
             other => {
                 let expected = "expected true, false or a table";

@@ -17,8 +17,8 @@ pub fn print_err(text: impl Display) {
 pub fn print_at(level: Level, text: impl Display) {
     let text = text.to_string();
     let is_json = log_format() == LOG_FORMATS[1];
-    let line = is_json.then(|| log_line("mluc", level, &text, &[]));
-    let text = line.unwrap_or(text) + "\n";
+    let line = if is_json { log_line("mluc", level, &text, &[]) } else { text };
+    let text = line + "\n";
     let _ = PatientStderr(PATIENCE).write_all(text.as_bytes());
 }
 

@@ -3,8 +3,7 @@
 use std::process::{Command, Output};
 
 fn mluc(arguments: &[&str]) -> Output {
-    let mut program = Command::new(env!("CARGO_BIN_EXE_mluc"));
-    program.args(arguments).output().expect("mluc starts")
+    Command::new(env!("CARGO_BIN_EXE_mluc")).args(arguments).output().expect("mluc starts")
 }
 
 fn said(output: &Output) -> String {
@@ -40,8 +39,7 @@ fn a_closed_standard_output_is_an_error() {
     let program = env!("CARGO_BIN_EXE_mluc");
     let run = |redirection: &str| {
         let line = format!("exec '{program}' config --print {redirection}");
-        let shell = Command::new("sh").args(["-c", &line]).output();
-        shell.expect("a shell")
+        Command::new("sh").args(["-c", &line]).output().expect("a shell")
     };
     let output = run(">&-");
     assert_eq!(output.status.code(), Some(1));
@@ -63,20 +61,15 @@ fn doctor_finds_few_open_files_and_segments_without_an_instance() {
     let text = String::from_utf8_lossy(&output.stdout);
     let has_failed = text.contains("FAILURE");
     assert_eq!(output.status.code(), Some(i32::from(has_failed)), "{text}");
-    let has = |words: &str| {
-        let mut lines = text.lines();
-        lines.any(|line| line.starts_with("warning") && line.contains(words))
-    };
+    let has =
+        |words: &str| text.lines().any(|line| line.starts_with("warning") && line.contains(words));
     assert!(has("open files (ulimit -n): 900"), "{text}");
     assert!(has(&format!("mluc-{user}-* of no instance")), "{text}");
 }
 
 #[test]
 fn status_of_nothing_is_a_failure() {
-    for command in [
-        "status --instance nobody-has-this",
-        "top --once --instance nobody-has-this",
-    ] {
+    for command in ["status --instance nobody-has-this", "top --once --instance nobody-has-this"] {
         let output = mluc(&command.split(' ').collect::<Vec<_>>());
         assert_eq!(output.status.code(), Some(1), "{command}");
         assert!(said(&output).contains("no pipeline of yours is named 'nobody-has-this'"));
@@ -98,8 +91,7 @@ fn nothing_stays_of_a_standard_input() {
     std::fs::create_dir(folder.path().join("mluc-stdin-1")).expect("a folder");
     let mut doctor = Command::new(env!("CARGO_BIN_EXE_mluc"));
     doctor.args(["doctor", "--input", "-"]);
-    let output = doctor.env("TMPDIR", folder.path()).output();
-    let output = output.expect("mluc starts");
+    let output = doctor.env("TMPDIR", folder.path()).output().expect("mluc starts");
     assert!(said(&output).contains("found nothing"), "{}", said(&output));
     assert_eq!(folder.path().read_dir().expect("a folder").count(), 0);
 }

@@ -20,8 +20,7 @@ fn rows(document: &str) -> Vec<(&str, Vec<&str>)> {
             heading = line.trim_start_matches('#').trim();
         }
         if line.starts_with("| `") {
-            let cells = line.split('|').skip(1);
-            let cells = cells.map(|cell| cell.trim().trim_matches('`'));
+            let cells = line.split('|').skip(1).map(|cell| cell.trim().trim_matches('`'));
             rows.push((heading, cells.collect()));
         }
     }
@@ -72,8 +71,7 @@ fn variables() -> BTreeSet<String> {
                 folders.push(path);
             } else if is_code {
                 let code = std::fs::read_to_string(&path).expect("readable");
-                let code = code.replace(" env!(\"", " env!(");
-                let code = code.replace("(env!(\"", "(env!(");
+                let code = code.replace(" env!(\"", " env!(").replace("(env!(\"", "(env!(");
                 let literals = code.split("\"MLUC_").skip(1);
                 let names =
                     literals.filter_map(|literal| literal.split_once('"').map(|(name, _)| name));
@@ -124,9 +122,7 @@ fn the_document_has_the_defaults_of_the_code() {
         };
         let table = match heading {
             "Keys" => Some(&tables),
-            _ => tables
-                .get(heading.trim_matches(['`', '[', ']']))
-                .and_then(|t| t.as_table()),
+            _ => tables.get(heading.trim_matches(['`', '[', ']'])).and_then(|t| t.as_table()),
         };
         let Some(value) = table.and_then(|table| table.get(key)) else {
             continue;
@@ -136,10 +132,7 @@ fn the_document_has_the_defaults_of_the_code() {
             toml::Value::Float(number) => written.parse() == Ok(*number),
             other => other.to_string() == written,
         };
-        assert!(
-            is_same,
-            "{heading} {key}: the document says {written}, the code {value}"
-        );
+        assert!(is_same, "{heading} {key}: the document says {written}, the code {value}");
         compared += 1;
     }
     assert!(compared > 12, "{compared}");

@@ -186,10 +186,7 @@ mod tests {
         for ([l, w, h], beam_gap_m, expected) in cases {
             let shape = Box3::new([0.0, 0.0, 0.0, l, w, h, 0.3]);
             let mut proposal = Proposal::of_detection(0, &Detection::default(), shape, 0.5);
-            proposal.measures = Some(Measures {
-                beam_gap_m,
-                ..Measures::default()
-            });
+            proposal.measures = Some(Measures { beam_gap_m, ..Measures::default() });
             scorer.score(&mut proposal);
             assert_eq!(proposal.flags, expected, "{shape:?}");
         }

@@ -85,11 +85,7 @@ impl EgoEstimator {
             let pose = known.map_or_else(Isometry2::identity, |last| last.pose);
             (0..gap.unwrap_or(0)).fold(pose, |pose, _| pose * step)
         };
-        let taken = |pose| Taken {
-            run,
-            sequence,
-            pose,
-        };
+        let taken = |pose| Taken { run, sequence, pose };
         let is_bridged = self.untold.0 == sequence || self.untold.1 < UNTOLD_MAX;
         if header.ego.is_known == TOLD {
             let [x, y, _] = header.ego.position_m;
@@ -111,9 +107,7 @@ impl EgoEstimator {
         }
         let (Some(scan), false) = (scan, gap == Some(0)) else {
             // The scan is gone, or the frame was sent again.
-            return gap
-                .and(self.step)
-                .map(|step| told(&after(&step), ESTIMATED));
+            return gap.and(self.step).map(|step| told(&after(&step), ESTIMATED));
         };
         find_upright(scan, &mut self.now);
         if let (Some(last), Some(gap), Some(earlier)) = (known, gap, self.earlier_taken)
@@ -200,9 +194,7 @@ impl EgoEstimator {
                 slope += weighted * off;
             }
             agreement = weights / self.now.len().div_ceil(stride).max(1) as f64;
-            at += curvature
-                .try_inverse()
-                .map_or(Vector3::zeros(), |inverse| inverse * slope);
+            at += curvature.try_inverse().map_or(Vector3::zeros(), |inverse| inverse * slope);
         }
         (agreement, Isometry2::new(at.xy(), at.z))
     }
@@ -283,11 +275,7 @@ mod tests {
     }
 
     fn header(run_id: u64, sequence: u64) -> FrameHeader {
-        FrameHeader {
-            run_id,
-            sequence,
-            ..FrameHeader::default()
-        }
+        FrameHeader { run_id, sequence, ..FrameHeader::default() }
     }
 
     #[test]
@@ -307,18 +295,15 @@ mod tests {
                 let [x, y, _] = found.position_m;
                 let found_pose = Isometry2::new(Vector2::new(x, y), found.yaw_rad);
                 let off = vector(&(pose.inverse() * found_pose));
-                let is_close = off.xy().norm() < 0.1 && off.z.abs() < 0.005;
-                assert!(is_close, "{sequence}: {off}");
+                assert!(off.xy().norm() < 0.1 && off.z.abs() < 0.005, "{sequence}: {off}");
                 let again = estimator.estimate(&header(7, sequence), Some(&scan));
                 assert!(sequence == 9 || again == Some(found), "sent again");
             }
             pose *= step;
         }
         let (scan, empty) = (seen_from(&pose), sorted(&[]));
-        let mut is_told = |run, sequence, scan| {
-            let found = estimator.estimate(&header(run, sequence), Some(scan));
-            found.is_some()
-        };
+        let mut is_told =
+            |run, sequence, scan| estimator.estimate(&header(run, sequence), Some(scan)).is_some();
         assert!(is_told(7, 30, &empty), "the motion goes on");
         assert!(is_told(7, 31, &scan), "the scans before are still there");
         let twice = [32, 33].map(|sequence| is_told(7, sequence, &empty));
@@ -350,9 +335,7 @@ mod tests {
             let mut header = header(7, at as u64);
             header.ego.is_known = is_known;
             header.ego.position_m[0] = at as f64 * f64::from(is_known);
-            estimator
-                .estimate(&header, Some(&empty))
-                .unwrap_or_default()
+            estimator.estimate(&header, Some(&empty)).unwrap_or_default()
         });
         let found: Vec<_> = found.map(|ego| (ego.is_known, ego.position_m[0])).collect();
         let told = |at: u32| (TOLD, f64::from(at));

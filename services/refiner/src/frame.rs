@@ -73,10 +73,8 @@ impl FrameIndex {
             if tile != NO_TILE {
                 let slot = &mut self.tile_first[tile as usize];
                 *slot -= 1;
-                self.slots[*slot as usize] = IndexedPoint {
-                    at_m: [point.x_m, point.y_m, point.z_m],
-                    index: index as u32,
-                };
+                self.slots[*slot as usize] =
+                    IndexedPoint { at_m: [point.x_m, point.y_m, point.z_m], index: index as u32 };
             }
         }
     }
@@ -135,8 +133,7 @@ mod tests {
 
     /// Points around a place.
     fn found(frame: &FrameIndex, center_m: [f64; 2], half_side_m: f64) -> Vec<u32> {
-        let points = frame.rows_around(center_m, half_side_m).flatten();
-        points.map(|p| p.index).collect()
+        frame.rows_around(center_m, half_side_m).flatten().map(|p| p.index).collect()
     }
 
     #[test]

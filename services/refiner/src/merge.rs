@@ -140,11 +140,7 @@ mod tests {
     use mluc_ipc_types::{Detection, DetectionKind};
 
     fn proposal(index: usize, kind: DetectionKind, x: f64, length: f64, score: f32) -> Proposal {
-        let detection = Detection {
-            kind: kind as u32,
-            score,
-            ..Detection::default()
-        };
+        let detection = Detection { kind: kind as u32, score, ..Detection::default() };
         let shape = Box3::new([x, 0.0, 0.0, length, 2.0, 1.5, 0.0]);
         Proposal::of_detection(index, &detection, shape, score)
     }
@@ -155,8 +151,7 @@ mod tests {
         let is_covered = |d: &Proposal| d.overlap > 0.0 && d.overlap <= 1.0;
         let told = |d: &Proposal| d.suppressed_by.is_some() == is_covered(d);
         assert!(proposals.iter().all(told), "who covers it says by how much");
-        let found = proposals.iter().map(|d| (d.disposition, d.suppressed_by));
-        found.collect()
+        proposals.iter().map(|d| (d.disposition, d.suppressed_by)).collect()
     }
 
     use DetectionKind::{Candidate, Known};

@@ -66,11 +66,8 @@ impl RefinerOutput {
         for &(index, (first, share)) in &self.rivals {
             let own = self.objects[first];
             let is_covered = own.disposition == OverlapsUnknown as u32;
-            let (by, overlap) = if is_covered {
-                (own.suppressed_by, own.overlap)
-            } else {
-                (first as u32, share)
-            };
+            let (by, overlap) =
+                if is_covered { (own.suppressed_by, own.overlap) } else { (first as u32, share) };
             let best = self.objects[by as usize];
             let second = &mut self.objects[index];
             let weak = [LowScore, TooFewPoints, Unconfirmed].map(|reason| reason as u32);

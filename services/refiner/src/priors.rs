@@ -31,16 +31,8 @@ pub(crate) struct EndFace {
 
 /// Vehicles seen from the end: cars and vans, then trucks. The first that fits counts.
 pub(crate) const ENDS: [EndFace; 2] = [
-    EndFace {
-        width_m: [1.1, 2.1],
-        height_min_m: 1.0,
-        share: 2.2,
-    },
-    EndFace {
-        width_m: [2.1, 3.3],
-        height_min_m: 2.4,
-        share: 3.0,
-    },
+    EndFace { width_m: [1.1, 2.1], height_min_m: 1.0, share: 2.2 },
+    EndFace { width_m: [2.1, 3.3], height_min_m: 2.4, share: 3.0 },
 ];
 /// Maximum angle between the line of sight and the vehicle's length, rad: at larger angles its side is seen too.
 pub(crate) const END_ASIDE_MAX_RAD: f64 = std::f64::consts::FRAC_PI_6;

@@ -136,8 +136,7 @@ impl Proposal {
     /// The object in the contract's form, without points.
     pub(crate) fn object(&self, detection: &Detection, classes: usize) -> Object {
         let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
-        let probability = Some(detection.unknown_probability);
-        let probability = probability.filter(|p| (0.0..=1.0).contains(p));
+        let probability = Some(detection.unknown_probability).filter(|p| (0.0..=1.0).contains(p));
         let class = Some(detection.class_id).filter(|class| (*class as usize) < classes);
         let is_gate = (detection.gate as usize) < GateKind::NAMES.len();
         Object {

@@ -50,10 +50,7 @@ impl Refiner {
         let told = model.manifest.thresholds.probabilities.clone();
         let probabilities = told.filter(|_| settings.variant == Variant::default());
         let scorer = ClusterScorer::of_model(&model.weights);
-        Ok(Refiner {
-            probabilities,
-            ..Refiner::with_scorer(settings, &sensor, scorer)?
-        })
+        Ok(Refiner { probabilities, ..Refiner::with_scorer(settings, &sensor, scorer)? })
     }
 
     /// A refiner with layers that score clusters; the settings may disable them. Returns an error for invalid settings and beams.

@@ -109,10 +109,7 @@ pub struct Study {
 impl Settings {
     /// The defaults with this variant.
     pub fn of(variant: Variant) -> Settings {
-        Settings {
-            variant,
-            ..Settings::default()
-        }
+        Settings { variant, ..Settings::default() }
     }
 
     /// Refuses what makes no sense, by name.

@@ -77,8 +77,7 @@ pub(crate) fn longest_side(cluster: &ClusterPoints) -> (f64, f64) {
 }
 
 fn height_m(cluster: &ClusterPoints) -> f64 {
-    let range = cluster.z_range_m();
-    range.map_or(0.0, |[low, high]| f64::from(high - low))
+    cluster.z_range_m().map_or(0.0, |[low, high]| f64::from(high - low))
 }
 
 /// Number of headings within a quarter turn.

@@ -10,8 +10,7 @@ pub(crate) fn point([x_m, y_m, z_m]: [f32; 3]) -> Point {
 /// A simulated scan that is packed with zstd.
 pub(crate) fn unpacked(bytes: &[u8]) -> Vec<Point> {
     let bytes = zstd::decode_all(bytes).expect("a packed scan");
-    let points = bytes.chunks_exact(size_of::<Point>());
-    points.map(bytemuck::pod_read_unaligned).collect()
+    bytes.chunks_exact(size_of::<Point>()).map(bytemuck::pod_read_unaligned).collect()
 }
 
 pub(crate) fn sorted(scan: &[Point]) -> FrameIndex {

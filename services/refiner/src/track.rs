@@ -250,9 +250,7 @@ impl Tracker {
             }
             let gone = self.tracks.iter().filter(|t| t.count == 1 && !t.is_taken);
             let ways = gone.filter_map(|track| track.way_m(&young.seen[0]));
-            let ways = ways
-                .map(|[x, y]| (x.hypot(y), [x, y]))
-                .filter(|way| way.0 <= WAY_MAX_M);
+            let ways = ways.map(|[x, y]| (x.hypot(y), [x, y])).filter(|way| way.0 <= WAY_MAX_M);
             if let Some((_, way_m)) = ways.min_by(|a, b| a.0.total_cmp(&b.0)) {
                 self.tracks[index].steps_m[1] = way_m;
             }
@@ -265,11 +263,7 @@ impl Tracker {
             let stalest = free.min_by_key(|&index| self.tracks[index].seen[0].sequence)?;
             self.tracks.remove(stalest);
         }
-        self.tracks.push(Track {
-            id: self.next_id,
-            first,
-            ..Track::default()
-        });
+        self.tracks.push(Track { id: self.next_id, first, ..Track::default() });
         // Half of the numbers would last 6 years at 10 Hz; NONE is never given.
         self.next_id = (self.next_id + 1) % Object::NONE;
         Some(self.tracks.len() - 1)

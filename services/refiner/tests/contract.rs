@@ -33,8 +33,7 @@ fn five_hundred_and_twelve_candidates_on_one_spot() {
         assert!(out.counters.flags().contains(Flags::LIMIT_DETECTIONS));
         if matches!(variant, Variant::PaperCorrected | Variant::RangeScaled) {
             assert!(out.objects[0].is_published(), "the best one stays");
-            let covered = out.objects.iter();
-            let covered = covered.filter(|o| is(o, Disposition::OverlapsUnknown));
+            let covered = out.objects.iter().filter(|o| is(o, Disposition::OverlapsUnknown));
             assert!(covered.count() >= 500, "{variant:?}");
         }
     }
@@ -45,8 +44,7 @@ fn clouds() -> [(&'static str, Vec<Point>); 5] {
     let of = |at: fn(f64, [f64; 3]) -> [f64; 3]| {
         let share = |i: usize, k: f64| (i as f64 * k).fract() - 0.5;
         let shares = |i: usize| [0.618_034, 0.414_214, 0.732_051].map(|k| share(i, k));
-        let points = (0..131_072).map(|i| point(at(i as f64, shares(i))));
-        points.collect()
+        (0..131_072).map(|i| point(at(i as f64, shares(i)))).collect()
     };
     let blob = of(|_, [a, b, c]| [12.0 + 3.0 * a, 1.0 + 3.0 * b, 2.0 * c - 0.5]);
     [

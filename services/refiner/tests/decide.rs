@@ -18,12 +18,8 @@ const SIZE_FLAGS: [u32; 5] = [0, 0, Object::SMALL, Object::LARGE, Object::POST];
 /// A scorer that accepts only clusters higher than about 1.4 m.
 fn tall_ones() -> Option<ClusterScorer> {
     let [a, b, c, _] = CLUSTER_SCORER_WIDTHS;
-    let measures = Measures {
-        top_m: 2.0,
-        ..Measures::default()
-    };
-    let features = cluster_scorer::features(&measures);
-    let top = features.iter().position(|f| *f == 1.0);
+    let measures = Measures { top_m: 2.0, ..Measures::default() };
+    let top = cluster_scorer::features(&measures).iter().position(|f| *f == 1.0);
     let mut values = vec![0.0; CLUSTER_SCORER_VALUES];
     values[top.expect("the feature of the top") * b] = 1.0;
     let second = (a + 1) * b;
@@ -76,21 +72,12 @@ fn size_flags(out: &RefinerOutput) -> Vec<u32> {
 }
 
 fn with(scores_clusters: Option<bool>, ranks_sizes: Option<bool>) -> Settings {
-    Settings {
-        study: Study {
-            scores_clusters,
-            ranks_sizes,
-        },
-        ..Settings::default()
-    }
+    Settings { study: Study { scores_clusters, ranks_sizes }, ..Settings::default() }
 }
 
 /// A model with a probability of the unknown.
 fn open() -> Sensor {
-    Sensor {
-        tells_unknown: true,
-        ..sensor()
-    }
+    Sensor { tells_unknown: true, ..sensor() }
 }
 
 #[test]
@@ -135,10 +122,7 @@ fn the_robots_owner_decides_what_it_drives_over() {
     // The low cart is seen up to 1 m, and its top may be a gap between two beams higher.
     for (height_min_m, low_cart) in [(1.2, true), (1.05, false)] {
         let settings = Settings {
-            robot: RobotSettings {
-                height_min_m,
-                width_min_m: 0.3,
-            },
+            robot: RobotSettings { height_min_m, width_min_m: 0.3 },
             ..Settings::default()
         };
         let out = run(settings, &sensor(), None);
@@ -198,11 +182,7 @@ fn what_is_below_the_profiles_scores_is_not_published() {
         detections.push(known(&car, 0, score));
     }
     let mut refiner = Refiner::new(Settings::default(), &open()).expect("settings");
-    let least = ScoreMin {
-        known: 0.5,
-        unknown: 0.3,
-        both_readings: false,
-    };
+    let least = ScoreMin { known: 0.5, unknown: 0.3, both_readings: false };
     refiner.set_score_min(least);
     let out = refined(refiner, &detections);
     let low = out.objects.iter().map(|o| is(o, Disposition::LowScore));
@@ -226,11 +206,7 @@ fn a_doubted_known_object_suppresses_nothing_and_gives_way() {
         let mut doubted = known(&boxes()[0], 0, 0.8);
         doubted.unknown_probability = p;
         let mut refiner = Refiner::new(Settings::default(), &open()).expect("settings");
-        refiner.set_score_min(ScoreMin {
-            known: least_known,
-            unknown,
-            ..ScoreMin::default()
-        });
+        refiner.set_score_min(ScoreMin { known: least_known, unknown, ..ScoreMin::default() });
         let mut generic = own;
         generic.unknown_probability = 0.7;
         let out = refined(refiner, &[doubted, generic]);
@@ -256,16 +232,9 @@ fn a_doubted_box_is_published_once_or_as_all_that_it_may_be() {
         refined(refiner, &detections)
     };
     let (known, unknown) = (0.5, 0.3);
-    let all = with(ScoreMin {
-        both_readings: true,
-        ..ScoreMin::default()
-    });
+    let all = with(ScoreMin { both_readings: true, ..ScoreMin::default() });
     assert!(all.objects.len() == 7 && all.objects.iter().all(Object::is_published));
-    let mut out = with(ScoreMin {
-        known,
-        unknown,
-        both_readings: false,
-    });
+    let mut out = with(ScoreMin { known, unknown, both_readings: false });
     let seconds = |out: &RefinerOutput| out.objects[4..].to_vec();
     let [cart, low_cart, hut] = seconds(&out).try_into().expect("three");
     assert!(is(&cart, Disposition::OverlapsUnknown) && cart.suppressed_by == 0);

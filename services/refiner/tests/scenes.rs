@@ -19,10 +19,7 @@ fn inside(points: &[Point], out: &RefinerOutput, object: &Object, shape: &Box3) 
 fn a_cart_seen_at_its_corner_gets_its_box() {
     let cart = standing(12.0, 5.0, CART, 1.2);
     let points = scan(&[cart, standing(20.0, 5.0, [4.2, 1.8, 1.5], 0.0)]);
-    for (variant, score) in [
-        (PaperCorrected, 1.0 / 2.0),
-        (RangeScaled, 0.6 * (2.0 - 1.002)),
-    ] {
+    for (variant, score) in [(PaperCorrected, 1.0 / 2.0), (RangeScaled, 0.6 * (2.0 - 1.002))] {
         let out = refine(variant, &points, &[candidate(&cart, [0.6, -0.5], 2.0)]);
         let found = &out.objects[0];
         assert!(found.is_published(), "{variant:?}");
@@ -103,11 +100,7 @@ fn known_neighbours_take_neither_a_truck_ahead_nor_a_board_before_a_car() {
         let car = standing(x, y, [4.2, 1.8, 1.5], 0.0);
         let mut own = candidate(&thing, [0.0, 0.0], 1.0);
         (own.size_m, own.yaw_rad) = (thing.size_m.map(|side| side as f32), 0.0);
-        let out = refine(
-            RangeScaled,
-            &scan(&[thing, car]),
-            &[known(&car, 0, 0.9), own],
-        );
+        let out = refine(RangeScaled, &scan(&[thing, car]), &[known(&car, 0, 0.9), own]);
         assert!(out.objects[1].is_published(), "{:?}", out.objects[1]);
     }
 }

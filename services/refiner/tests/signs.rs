@@ -31,19 +31,13 @@ fn shares(grower: &mut dyn Grower, step_m: f64) -> [f64; 2] {
     let (around, is_near) = step(step_m);
     let off = |i: &usize| around.y_m[*i].abs() + around.z_m[*i].abs();
     let near = (0..is_near.len()).filter(|&i| is_near[i]);
-    let seed = near.min_by(|a, b| off(a).total_cmp(&off(b)));
-    let seed = seed.expect("a point");
+    let seed = near.min_by(|a, b| off(a).total_cmp(&off(b))).expect("a point");
     let mut members = Vec::new();
-    let growth = Growth {
-        around: &around,
-        seed,
-        height_min_m: f64::NEG_INFINITY,
-    };
+    let growth = Growth { around: &around, seed, height_min_m: f64::NEG_INFINITY };
     grower.grow(&growth, &mut members);
     [true, false].map(|side| {
         let all = is_near.iter().filter(|&&near| near == side).count();
-        let found = members.iter().filter(|&&m| is_near[m as usize] == side);
-        found.count() as f64 / all as f64
+        members.iter().filter(|&&m| is_near[m as usize] == side).count() as f64 / all as f64
     })
 }
 

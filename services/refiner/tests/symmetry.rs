@@ -49,8 +49,7 @@ fn compared(change: impl FnOnce(&mut [Point], &mut [Detection])) -> Vec<(Object,
     change(&mut points, &mut detections);
     let after = refine(Variant::RangeScaled, &points, &detections);
     let pairs = before.objects.into_iter().zip(after.objects);
-    let pairs = pairs.inspect(|(a, b)| assert_eq!(a.disposition, b.disposition));
-    pairs.collect()
+    pairs.inspect(|(a, b)| assert_eq!(a.disposition, b.disposition)).collect()
 }
 
 /// Only two faces of half a metre are seen of a person: several headings fit them equally well, so that the heading may jump.

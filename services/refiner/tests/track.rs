@@ -42,10 +42,7 @@ fn seen_at(sequences: &[u64], x_m: impl Fn(u64) -> f32) -> Vec<Object> {
 
 /// A tracker that confirms from the third sighting on.
 fn tracker() -> Tracker {
-    let settings = TrackSettings {
-        confirm_hits: 3,
-        ..TrackSettings::default()
-    };
+    let settings = TrackSettings { confirm_hits: 3, ..TrackSettings::default() };
     Tracker::new(settings).unwrap()
 }
 
@@ -172,11 +169,8 @@ fn clouds_that_never_came_and_a_clock_that_is_set_back() {
     let mut see = |(sequence, ms, x_m): (u64, u64, f32)| {
         let mut out = RefinerOutput::default();
         out.objects.push(object(ObjectKind::Unknown, x_m, 1.0, 0.5));
-        let header = FrameHeader {
-            ego,
-            sensor_stamp_ns: 1_000_000 * ms,
-            ..FrameHeader::new(sequence, "")
-        };
+        let header =
+            FrameHeader { ego, sensor_stamp_ns: 1_000_000 * ms, ..FrameHeader::new(sequence, "") };
         tracker.update(&header, &mut out);
         out.objects[0]
     };

@@ -23,8 +23,7 @@ pub(crate) fn join() -> anyhow::Result<DomainParticipant> {
     let domain = domain.ok().filter(|domain| *domain <= DOMAIN_MAX);
     let refused = || format!("ROS_DOMAIN_ID: expected 0 to {DOMAIN_MAX}, found '{word}'");
     let domain = domain.ok_or_else(|| UsageError(refused()))?;
-    let participant = DomainParticipant::new(domain);
-    participant.with_context(|| format!("joining the DDS domain {domain}"))
+    DomainParticipant::new(domain).with_context(|| format!("joining the DDS domain {domain}"))
 }
 
 /// Decides when to join the domain again. rustdds 0.14 loses a participant's announcements if another participant joins at the same moment,
@@ -40,11 +39,7 @@ const PATIENCE: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(60)
 
 impl Default for Patience {
     fn default() -> Patience {
-        Patience {
-            heard: Instant::now(),
-            joined: Instant::now(),
-            limit: PATIENCE[0],
-        }
+        Patience { heard: Instant::now(), joined: Instant::now(), limit: PATIENCE[0] }
     }
 }
 

@@ -44,10 +44,7 @@ impl Writers {
             let writer = publisher.create_datawriter_no_key(&topic, Some(qos));
             writers.push((writer.with_context(|| format!("topic {name}"))?, 0));
         }
-        Ok(Writers {
-            writers,
-            participant,
-        })
+        Ok(Writers { writers, participant })
     }
 
     /// Whether the lease of a participant expired (network lost or process dead): rustdds would not accept it again.

@@ -87,11 +87,7 @@ impl Topics {
             let fixed = read(latched(), TF[1], TRANSFORMS, FIXED_MAX, FIXED_MAX)?;
             poses = vec![(fixed, TRANSFORMS, true), (moving, schema, false)];
         }
-        Ok(Topics {
-            clouds,
-            poses,
-            participant,
-        })
+        Ok(Topics { clouds, poses, participant })
     }
 }
 

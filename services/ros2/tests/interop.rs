@@ -49,8 +49,7 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
     let doctor = doctor.finish().text();
     let mut lines = doctor.lines();
     let looked = lines.find_map(|line| line.split_once(" scans of "));
-    let has_scans = looked.is_some_and(|(count, _)| !count.ends_with(" 0"));
-    assert!(has_scans, "{doctor}");
+    assert!(looked.is_some_and(|(count, _)| !count.ends_with(" 0")), "{doctor}");
     run.wait_for_words("expected one named y, found x, z, intensity");
     publish.stop().assert_says(&["dropped=0"]);
     let run = setting.stop(run);
@@ -112,7 +111,6 @@ fn points_are_corrected_by_odometry_and_by_transforms() {
             );
             seen[scan] += 1;
         }
-        let has_all = seen.iter().all(|count| *count > 0);
-        assert!(has_all, "{option}: {seen:?} {}", run.log);
+        assert!(seen.iter().all(|count| *count > 0), "{option}: {seen:?} {}", run.log);
     }
 }

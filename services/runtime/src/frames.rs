@@ -18,13 +18,7 @@ pub struct Frames<T: Payload> {
 impl<T: Payload> Frames<T> {
     /// Opens a topic. `scans` reports what ingest has sent, and may keep the points of each frame; `None` for the topic that ingest itself sends.
     pub fn new(shell: &Shell, topic: &Topic, scans: Option<Scans>) -> Result<Frames<T>> {
-        Ok(Frames {
-            input: shell.input(topic)?,
-            scans,
-            run_id: 0,
-            last: None,
-            dropped: 0,
-        })
+        Ok(Frames { input: shell.input(topic)?, scans, run_id: 0, last: None, dropped: 0 })
     }
 
     pub(crate) fn name(&self) -> &str {

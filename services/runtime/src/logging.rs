@@ -44,9 +44,7 @@ pub fn log_line(process: &str, level: Level, message: &str, fields: &[(&str, Str
         let level = level.as_str();
         return json!({"time": time, "level": level, "process": process, "message": message, "fields": fields}).to_string();
     }
-    let fields = fields.iter();
-    let fields = fields.map(|(name, value)| format!(" {name}={value}"));
-    let fields: String = fields.collect();
+    let fields: String = fields.iter().map(|(name, value)| format!(" {name}={value}")).collect();
     // One line per event.
     let text = format!("{message}{fields}").replace('\n', "\\n");
     format!("{time} {level:5} {process}: {text}")
@@ -184,8 +182,7 @@ mod tests {
     fn what_repeated_is_told_at_the_end() {
         choose_log_format("json");
         for _ in 0..9 {
-            let mut repeats = REPEATS.lock().unwrap();
-            repeats.admit(Level::WARN, "the same", crate::monotonic_ns());
+            REPEATS.lock().unwrap().admit(Level::WARN, "the same", crate::monotonic_ns());
         }
         let last = sums(u64::MAX).pop().unwrap();
         assert!(last.contains("the same (4 more like it)"), "{last}");

@@ -18,8 +18,7 @@ pub(crate) struct Mapping {
 pub(crate) fn mappings(instance: &Instance) -> Vec<Mapping> {
     let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
     let start = format!("{SHARED_MEMORY}/{}", instance.prefix());
-    let lines = maps.lines();
-    lines.filter_map(|line| parse(line, &start)).collect()
+    maps.lines().filter_map(|line| parse(line, &start)).collect()
 }
 
 /// `7f00-7f10 rw-s 00000000 00:1a 42 /dev/shm/mluc-0-a.1.data`

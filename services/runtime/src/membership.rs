@@ -34,11 +34,7 @@ impl Membership {
         let begun = Instant::now();
         loop {
             if let Some(lock) = Membership::try_join(instance, role)? {
-                let member = Membership {
-                    instance: instance.clone(),
-                    lock,
-                    parent: getppid(),
-                };
+                let member = Membership { instance: instance.clone(), lock, parent: getppid() };
                 member.check_contract()?;
                 return Ok(member);
             }
@@ -88,8 +84,7 @@ impl Membership {
         // The first process wrote it under the exclusive lock, before another process could share the lock.
         let text = fs::read_to_string(&path).map_err(RuntimeError::io("reading", &path))?;
         let field = |key: &str| {
-            let mut words = text.split_whitespace();
-            words.find_map(|word| word.strip_prefix(key)).unwrap_or("?")
+            text.split_whitespace().find_map(|word| word.strip_prefix(key)).unwrap_or("?")
         };
         if field("wire=").parse() == Ok(WIRE_VERSION) {
             return Ok(());
@@ -115,8 +110,7 @@ impl Membership {
             return Err(RuntimeError::AlreadyRunning(role.into(), name.into(), pid));
         }
         let claim = Claim { file };
-        let written = claim.note_frame(None);
-        written.map_err(RuntimeError::io("writing", &path))?;
+        claim.note_frame(None).map_err(RuntimeError::io("writing", &path))?;
         Ok(claim)
     }
 }
@@ -198,10 +192,7 @@ impl ClaimNote {
     pub fn read(instance: &Instance, role: &str) -> Option<ClaimNote> {
         let text = fs::read_to_string(claim_path(instance, role)).ok()?;
         let mut words = text.split_whitespace();
-        Some(ClaimNote {
-            pid: words.next()?.parse().ok()?,
-            sequence: words.next()?.parse().ok(),
-        })
+        Some(ClaimNote { pid: words.next()?.parse().ok()?, sequence: words.next()?.parse().ok() })
     }
 
     /// Reads the note if a living process has the role.
@@ -264,8 +255,7 @@ mod tests {
         let root = instance.root();
         let refuses = |words: &str| {
             let error = Membership::join(&instance, "a").unwrap_err().to_string();
-            let is_named = error.contains(words) && error.contains("mode 700");
-            assert!(is_named, "{error}");
+            assert!(error.contains(words) && error.contains("mode 700"), "{error}");
         };
         fs::create_dir(root).unwrap();
         fs::set_permissions(root, fs::Permissions::from_mode(0o777)).unwrap();

@@ -49,10 +49,7 @@ impl IpcNode {
             .create::<Ipc>()
             .map_err(|e| failed(format!("{e:?}")))?;
         sweep::close_to_others(instance);
-        Ok(IpcNode {
-            node,
-            instance: instance.clone(),
-        })
+        Ok(IpcNode { node, instance: instance.clone() })
     }
 
     /// Whether a process died in the instance and its ports were not removed.

@@ -59,10 +59,7 @@ impl<T: Payload> Output<T> {
         // message), and `T: Pod` takes every bit pattern.
         let mut sample = unsafe { sample.assume_init() };
         *sample.user_header_mut() = *header;
-        Ok(Loan {
-            sample,
-            output: self,
-        })
+        Ok(Loan { sample, output: self })
     }
 
     /// Sends a message with a copy of these elements.
@@ -74,8 +71,7 @@ impl<T: Payload> Output<T> {
 
     /// Connects consumers that joined since the last message. They get the messages of the topic's history.
     pub fn reach_late_readers(&self) -> Result<()> {
-        let updated = self.publisher.update_connections();
-        updated.map_err(|e| self.failed("reaching late readers", e))
+        self.publisher.update_connections().map_err(|e| self.failed("reaching late readers", e))
     }
 
     /// Number of consumers connected at this time, including killed ones that were not cleaned up.

@@ -10,8 +10,7 @@ pub(crate) const ROLE: &str = "run";
 /// An id for a new run: random, never 0.
 pub fn random_run_id() -> u64 {
     // The standard library seeds each process's hashes from the kernel's random numbers.
-    let id = RandomState::new().hash_one((monotonic_ns(), std::process::id()));
-    id.max(1)
+    RandomState::new().hash_one((monotonic_ns(), std::process::id())).max(1)
 }
 
 /// Follows the topic.

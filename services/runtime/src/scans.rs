@@ -105,8 +105,7 @@ impl Scans {
 
     /// The points of a frame, if they are still there; unchecked.
     pub fn of(&self, sequence: u64) -> Option<&Message<Point>> {
-        let mut newest_first = self.held.iter().rev();
-        newest_first.find(|scan| scan.header().sequence == sequence)
+        self.held.iter().rev().find(|scan| scan.header().sequence == sequence)
     }
 
     /// Scans that were found inside a mapped segment of the instance.

@@ -48,10 +48,8 @@ pub(crate) fn sweep_stillborn(instance: &Instance) -> usize {
         return 0;
     }
     let open = open_segments();
-    let empty = empty.into_iter();
-    let stillborn = empty.filter(|path| !open.contains(path) && is_empty(path));
-    let removed = stillborn.filter(|path| fs::remove_file(path).is_ok());
-    removed.count()
+    let stillborn = empty.into_iter().filter(|path| !open.contains(path) && is_empty(path));
+    stillborn.filter(|path| fs::remove_file(path).is_ok()).count()
 }
 
 /// Files of shared memory that some process has open.
@@ -61,8 +59,7 @@ fn open_segments() -> HashSet<PathBuf> {
         entries(&folder).collect::<Vec<_>>()
     });
     let paths = descriptors.filter_map(|descriptor| fs::read_link(descriptor.path()).ok());
-    let own = paths.filter(|path| path.starts_with(SHARED_MEMORY));
-    own.collect()
+    paths.filter(|path| path.starts_with(SHARED_MEMORY)).collect()
 }
 
 /// iceoryx2 0.10 makes its management segment writable for everybody, and one byte from another user would stop every later start.
@@ -82,8 +79,7 @@ pub(crate) fn make_management_segment(instance: &Instance) -> Result<()> {
     options.write(true).create(true).truncate(true).mode(0o600);
     let file = options.open(&own);
     let content = [VERSION, 0].map(u64::to_ne_bytes).concat();
-    let written = file.and_then(|mut file| std::io::Write::write_all(&mut file, &content));
-    written.map_err(failed())?;
+    file.and_then(|mut file| std::io::Write::write_all(&mut file, &content)).map_err(failed())?;
     let linked = fs::hard_link(&own, &path);
     let _ = fs::remove_file(&own);
     match linked {
@@ -98,8 +94,7 @@ fn check_owner(path: &Path) -> Result<()> {
     let about = fs::symlink_metadata(path).map_err(RuntimeError::io("looking at", path))?;
     let is_ours = about.uid() == rustix::process::geteuid().as_raw() && about.is_file();
     let theirs = || std::io::Error::new(ErrorKind::PermissionDenied, "it is another user's");
-    let ours = is_ours.then_some(()).ok_or_else(theirs);
-    ours.map_err(RuntimeError::io("using", path))
+    is_ours.then_some(()).ok_or_else(theirs).map_err(RuntimeError::io("using", path))
 }
 
 /// Closes a management segment to other users if iceoryx2 made it under another name.

@@ -208,10 +208,7 @@ fn a_late_reader_gets_the_description_and_a_second_writer_is_none() {
 fn a_heartbeat_that_makes_no_sense_is_left_out() {
     let instance = instance("garbage");
     let mut others = Others::new(&instance);
-    let topic = Topic {
-        name: "health/refiner",
-        ..Topic::HEALTH
-    };
+    let topic = Topic { name: "health/refiner", ..Topic::HEALTH };
     let mut output = others.shell.output::<Health>(&topic, 1).unwrap();
     let mut watch = others.shell.health_watch().unwrap();
     let sound = Health {
@@ -261,19 +258,14 @@ fn a_heartbeat_that_makes_no_sense_is_left_out() {
 fn pair<T: Payload>(label: &str, topic: &Topic, most: usize) -> ([Shell; 2], Output<T>, Input<T>) {
     let instance = instance(label);
     let mut shells = [Stage::Ingest, Stage::Backbone].map(|name| stage(&instance, name));
-    shells
-        .iter_mut()
-        .for_each(|shell| shell.verify_mapping = true);
+    shells.iter_mut().for_each(|shell| shell.verify_mapping = true);
     let output = shells[0].output(topic, most).unwrap();
     let input = shells[1].input(topic).unwrap();
     (shells, output, input)
 }
 
 fn send_points(output: &mut Output<Point>, sequence: u64, points: usize) {
-    let point = Point {
-        y_m: sequence as f32,
-        ..Point::default()
-    };
+    let point = Point { y_m: sequence as f32, ..Point::default() };
     let header = FrameHeader::new(sequence, "a");
     output.send(&header, &vec![point; points]).unwrap();
 }
@@ -284,10 +276,7 @@ fn a_message_is_written_once_and_read_where_it_lies() {
     let header = FrameHeader::new(0, "a");
     let mut loan = output.loan(&header, 100_000).unwrap();
     let written_in = shells[0].segment_of(loan.elements_mut());
-    loan.elements_mut().fill(Point {
-        x_m: 7.0,
-        ..Point::default()
-    });
+    loan.elements_mut().fill(Point { x_m: 7.0, ..Point::default() });
     loan.publish().unwrap();
 
     let message = input.newest().unwrap().unwrap();

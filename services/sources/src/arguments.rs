@@ -57,8 +57,7 @@ impl LayoutArgs {
 }
 
 fn origin(text: &str) -> Result<[f64; 3], String> {
-    let numbers = text.split(',').map(|word| word.trim().parse().ok());
-    let numbers: Option<Vec<f64>> = numbers.collect();
+    let numbers: Option<Vec<f64>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
     let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
     numbers.ok_or_else(|| format!("expected three numbers, as in 1.5,-2,0, found '{text}'"))
 }

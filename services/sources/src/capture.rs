@@ -233,10 +233,7 @@ mod tests {
 
     #[test]
     fn a_calibration_that_is_not_there_is_named() {
-        let layout = Layout {
-            calibration: Some("/nowhere.csv".into()),
-            ..Layout::default()
-        };
+        let layout = Layout { calibration: Some("/nowhere.csv".into()), ..Layout::default() };
         let opened = CaptureScans::open(Path::new("any.pcap"), &layout);
         let error = format!("{:#}", opened.err().unwrap());
         assert!(error.contains("calibration /nowhere.csv"), "{error}");

@@ -32,11 +32,7 @@ pub(crate) struct Folder {
 impl Folder {
     /// Scans without stamps and poses.
     pub(crate) fn of(scans: Vec<PathBuf>, layout: &Layout) -> Folder {
-        Folder {
-            scans,
-            layout: layout.clone(),
-            ..Folder::default()
-        }
+        Folder { scans, layout: layout.clone(), ..Folder::default() }
     }
 
     /// `input`: one file of a [format](Format), a folder of such files, or a folder with them in `velodyne/` or KITTI raw's `velodyne_points/data/`.
@@ -85,8 +81,7 @@ impl Folder {
         ensure!(is_known, "{expected}");
         let mut scan = Scan::default();
         self.read(0, &mut scan);
-        let has_times = scan.bytes.is_empty() || !scan.times_ns.is_empty();
-        ensure!(has_times, "{NO_TIMES}");
+        ensure!(scan.bytes.is_empty() || !scan.times_ns.is_empty(), "{NO_TIMES}");
         Ok(())
     }
 
@@ -113,11 +108,7 @@ impl Folder {
         let is_named = !self.layout.columns.is_empty();
         if is_five && !is_named && files::has_negative_intensities(&start, 5) {
             let found = "negative ones: say which columns with --columns x,y,z,intensity,..";
-            return refused(
-                "numbers",
-                "20 bytes a point, the fourth an intensity",
-                found,
-            );
+            return refused("numbers", "20 bytes a point, the fourth an intensity", found);
         }
         if named > 0 {
             let fitting = sizes.iter().filter(|size| size.is_multiple_of(4 * named));
@@ -231,9 +222,7 @@ const PLACES: [&str; 3] = ["velodyne", "velodyne_points/data", ""];
 /// Whether the folder has a scan, directly or in one of these subfolders.
 pub(crate) fn has_scans(folder: &Path) -> bool {
     let scans = |inner| scan_files(&folder.join(inner), None);
-    PLACES
-        .into_iter()
-        .any(|inner| scans(inner).is_ok_and(|scans| !scans.is_empty()))
+    PLACES.into_iter().any(|inner| scans(inner).is_ok_and(|scans| !scans.is_empty()))
 }
 
 /// Scan files of one format in order of their names, only those that follow `after`; empty if the folder does not exist.
@@ -253,8 +242,7 @@ pub(crate) fn scan_files(folder: &Path, after: Option<&Path>) -> anyhow::Result<
         (format, _) => format.is_some(),
     });
     let mut scans: Vec<PathBuf> = scans.take(SCANS_MAX + 1).collect();
-    let is_bounded = scans.len() <= SCANS_MAX;
-    ensure!(is_bounded, "input {name}: more than {SCANS_MAX} scans");
+    ensure!(scans.len() <= SCANS_MAX, "input {name}: more than {SCANS_MAX} scans");
     scans.sort_by_cached_key(|scan| in_order(scan));
     let mut formats: Vec<_> = scans.iter().filter_map(|path| Format::of(path)).collect();
     formats.sort();
@@ -277,11 +265,7 @@ pub(crate) fn in_order(scan: &Path) -> (String, PathBuf) {
         let (digits, rest) = word.split_at(end.unwrap_or(word.len()));
         let is_whole = !digits.is_empty() && !is_fraction;
         is_fraction = is_whole && rest == ".";
-        if is_whole {
-            format!("{digits:0>20}{rest}")
-        } else {
-            word.to_string()
-        }
+        if is_whole { format!("{digits:0>20}{rest}") } else { word.to_string() }
     });
     (words.collect(), scan.to_path_buf())
 }
@@ -289,8 +273,7 @@ pub(crate) fn in_order(scan: &Path) -> (String, PathBuf) {
 /// A file of this name in the folder of scans or above it.
 fn beside(folder: &Path, name: &str) -> Option<PathBuf> {
     let folder = std::path::absolute(folder).ok()?;
-    let mut paths = folder.ancestors().take(2).map(|folder| folder.join(name));
-    paths.find(|path| path.is_file())
+    folder.ancestors().take(2).map(|folder| folder.join(name)).find(|path| path.is_file())
 }
 
 /// KITTI raw's `timestamps.txt`: `2011-09-26 13:02:25.964389445`, one line per scan. A file that does not fit is logged and not used.
@@ -375,15 +358,9 @@ mod tests {
         let four = [1.5f32, -2.5, -1.5, 0.5].map(f32::to_le_bytes).concat();
         fs::write(root.path().join("e/f.PCD.bin"), four.repeat(200)).unwrap();
         let error = format!("{:#}", find(&root.path().join("e")).expect_err("no rings"));
-        assert!(
-            error.contains("negative ones: say which columns"),
-            "{error}"
-        );
+        assert!(error.contains("negative ones: say which columns"), "{error}");
         let columns = "x,y,z,intensity,ring,time".split(',').map(str::to_string);
-        let layout = Layout {
-            columns: columns.collect(),
-            ..Layout::default()
-        };
+        let layout = Layout { columns: columns.collect(), ..Layout::default() };
         let error = Folder::find(&root.path().join("a.bin"), &layout).err();
         let error = format!("{:#}", error.expect("no whole point"));
         assert!(error.contains("expected 24 bytes a point"), "{error}");

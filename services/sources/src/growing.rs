@@ -168,17 +168,12 @@ mod tests {
         write("7.bin", 7);
         assert_eq!(until("7", &mut growing), (7, 2));
         // Names sort by their numbers, and files of another format are not scans of this folder.
-        ["stray.pcd", "10.bin"]
-            .iter()
-            .for_each(|name| write(name, 10));
-        let file = fs::File::options()
-            .write(true)
-            .open(folder.path().join("10.bin"));
+        ["stray.pcd", "10.bin"].iter().for_each(|name| write(name, 10));
+        let file = fs::File::options().write(true).open(folder.path().join("10.bin"));
         let seven = SystemTime::UNIX_EPOCH + Duration::from_secs(7);
         file.unwrap().set_modified(seven).unwrap();
         // The clock of the disk may differ from the system's clock.
-        let disk = fs::File::open(path).unwrap();
-        disk.set_modified(SystemTime::UNIX_EPOCH).unwrap();
+        fs::File::open(path).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
         assert_eq!(until("10", &mut growing), (10, 0));
         assert!(in_order(Path::new("1.25.bin")) < in_order(Path::new("1.5.bin")));
         assert!(growing.silence().is_none());

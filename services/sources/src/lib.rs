@@ -148,8 +148,7 @@ pub fn idle_options(input: &Path, layout: &Layout) -> Vec<&'static str> {
         ("topic", layout.topic.is_some() && !is_recording),
         ("odometry", layout.odometry.is_some() && !has_odometry),
     ];
-    let idle = options.into_iter().filter(|(_, is_idle)| *is_idle);
-    idle.map(|(name, _)| name).collect()
+    options.into_iter().filter(|(_, is_idle)| *is_idle).map(|(name, _)| name).collect()
 }
 
 impl Source {
@@ -172,11 +171,7 @@ impl Source {
             let found = "a live sensor, [[lidar]] or --loop";
             return Ok(refused("shard", expected, found)?);
         }
-        let source = Source {
-            kind,
-            repeat,
-            shard,
-        };
+        let source = Source { kind, repeat, shard };
         if let (Some([index, parts]), Some(0)) = (shard, source.count()) {
             let found = format!("part {index} of {parts}, and fewer scans");
             return Ok(refused("shard", "a part with scans", &found)?);
@@ -206,9 +201,7 @@ impl Source {
             _ if !layout.deskew => Ok(()),
             Kind::Folder(folder) => folder.check_motion(),
             Kind::Recording(_) => Ok(()),
-            _ => Err(anyhow!(
-                "expected poses as folders, recordings and ROS 2 topics have them"
-            )),
+            _ => Err(anyhow!("expected poses as folders, recordings and ROS 2 topics have them")),
         };
         has_poses.with_context(|| format!("input {}: deskew", input.display()))?;
         Source::of(kind, repeat, layout).with_context(|| format!("input {}", input.display()))
@@ -325,8 +318,7 @@ impl Source {
 
 /// The extension of a file's name, in lower case.
 fn ending(path: &Path) -> String {
-    let ending = path.extension().unwrap_or_default();
-    ending.to_string_lossy().to_ascii_lowercase()
+    path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }
 
 /// The name of a scan without a name of its own.

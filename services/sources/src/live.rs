@@ -78,12 +78,7 @@ impl Live {
                 listener.give(Err(error));
             }
         })?;
-        Ok(Live {
-            address,
-            turns,
-            shared,
-            thread: Some(thread),
-        })
+        Ok(Live { address, turns, shared, thread: Some(thread) })
     }
 }
 

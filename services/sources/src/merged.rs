@@ -93,11 +93,7 @@ impl Source {
         let parts: Vec<Part> = lidars.iter().map(part).collect::<Result<_, _>>()?;
         let live = parts.iter().filter(|part| part.source.is_live()).count();
         let expected = "[[lidar]]: expected live sensors alone, or none";
-        ensure!(
-            [0, parts.len()].contains(&live),
-            "{expected}, found {live} of {}",
-            parts.len()
-        );
+        ensure!([0, parts.len()].contains(&live), "{expected}, found {live} of {}", parts.len());
         let kind = Kind::Merged(Merged {
             parts,
             tolerance: Duration::from_millis(tolerance_ms),
@@ -240,10 +236,7 @@ impl Part {
 
     /// Pose of the frame's coordinates for a pose of the sensor, seen from above.
     fn pose_of_frame(&self, sensor: EgoPose) -> EgoPose {
-        let IsometryMatrix3 {
-            rotation,
-            translation,
-        } = self.frame_from_sensor.cast::<f64>();
+        let IsometryMatrix3 { rotation, translation } = self.frame_from_sensor.cast::<f64>();
         let yaw_rad = sensor.yaw_rad - rotation.euler_angles().2;
         let off_m = pose([0.0, 0.0, 0.0, 0.0, 0.0, yaw_rad]) * translation.vector;
         EgoPose {
@@ -355,16 +348,13 @@ mod tests {
         // At the robot's rear.
         lidars[0].extrinsics = [-2.0, 0.0, 0.0, 0.0, 0.0, std::f64::consts::PI];
         let open: Open = |input, layout, _| {
-            let stamps = input.to_str().unwrap().split(',');
-            let stamps = stamps.map(|ms| ms.parse().unwrap());
+            let stamps = input.to_str().unwrap().split(',').map(|ms| ms.parse().unwrap());
             let stamps = stamps.collect::<Vec<_>>().into_iter();
             Source::live(Stamped(stamps), layout)
         };
         // Merged sensors and a live sensor have no parts; one scan has no second part.
-        let [first, second] = [0, 1].map(|index| Layout {
-            shard: Some([index, 2]),
-            ..Layout::default()
-        });
+        let [first, second] =
+            [0, 1].map(|index| Layout { shard: Some([index, 2]), ..Layout::default() });
         let merged = Source::merge(&lidars, &first, [0.0; 6], 50, open);
         let scan = tempfile::Builder::new().suffix(".bin").tempfile().unwrap();
         let second = Source::open(scan.path(), &second, false);

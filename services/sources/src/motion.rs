@@ -275,11 +275,9 @@ mod tests {
         };
         let relative = |i: u32| f64::from(i) * 1e8 / 119_999.0;
         let at = |after_s: f64| Some(ahead(10.0 * after_s, 0.0));
-        for (since_ns, first, last) in [
-            (0.0, 20.0, 21.0),
-            (1.7e18, 20.0, 21.0),
-            (1.7e18 - 1e8, 19.0, 20.0),
-        ] {
+        for (since_ns, first, last) in
+            [(0.0, 20.0, 21.0), (1.7e18, 20.0, 21.0), (1.7e18 - 1e8, 19.0, 20.0)]
+        {
             let mut scan = whole.clone();
             scan.times_ns = (0..120_000).map(|i| since_ns + relative(i)).collect();
             scan.try_deskew(at).unwrap();

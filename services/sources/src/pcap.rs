@@ -126,12 +126,7 @@ impl Capture {
                     self.reader.consume(bytes);
                     if let Some((stamp_ns, from, to_port)) = found {
                         let payload = &self.frames.payload;
-                        return Ok(Some(Datagram {
-                            stamp_ns,
-                            from,
-                            to_port,
-                            payload,
-                        }));
+                        return Ok(Some(Datagram { stamp_ns, from, to_port, payload }));
                     }
                 }
                 Err(PcapError::Eof) => return Ok(None),
@@ -163,8 +158,7 @@ fn is_impossible(data: &[u8]) -> bool {
     };
     const KIND: u32 = 0x8000_0001;
     let read = [u32::from_le_bytes, u32::from_be_bytes];
-    read.iter()
-        .any(|read| read(kind) == KIND && read(length) < 16)
+    read.iter().any(|read| read(kind) == KIND && read(length) < 16)
 }
 
 /// Returns the frame in a block; stores the interfaces that other blocks describe.
@@ -172,11 +166,7 @@ fn read<'a>(block: &'a PcapBlockOwned, interfaces: &mut Vec<Interface>) -> Optio
     use pcap_parser::Block;
     let mut told = |link, ticks_per_s, offset_s| {
         if interfaces.len() < INTERFACES_MAX {
-            interfaces.push(Interface {
-                link,
-                ticks_per_s,
-                offset_s,
-            });
+            interfaces.push(Interface { link, ticks_per_s, offset_s });
         }
     };
     match block {
@@ -321,8 +311,7 @@ pub(crate) mod tests {
         let mut frames = vec![];
         for (i, part) in udp.chunks(1000).enumerate() {
             let (bytes, protocol) = (part.len() as u16, etherparse::IpNumber::UDP);
-            let ip = Ipv4Header::new(bytes, 9, protocol, [10, 0, 0, 1], [10, 0, 0, 2]);
-            let mut ip = ip.unwrap();
+            let mut ip = Ipv4Header::new(bytes, 9, protocol, [10, 0, 0, 1], [10, 0, 0, 2]).unwrap();
             ip.dont_fragment = false;
             ip.more_fragments = (i + 1) * 1000 < udp.len();
             ip.fragment_offset = IpFragOffset::try_new(i as u16 * 125).unwrap();
@@ -393,12 +382,8 @@ pub(crate) mod tests {
         // The end of a second datagram is missing.
         frames.extend(fragments(&POINTS).into_iter().take(2));
         let (found, counts) = read_all(&pcap(&frames)).unwrap();
-        let expected = CaptureCounts {
-            datagrams: 2,
-            other: 2,
-            fragmented_lost: 1,
-            cut_short: false,
-        };
+        let expected =
+            CaptureCounts { datagrams: 2, other: 2, fragmented_lost: 1, cut_short: false };
         assert_eq!(counts, expected);
         let first = (100_000_000_000, 2369, POINTS[..1206].to_vec());
         assert_eq!(found, [first, (100_006_000_000, 2369, POINTS.to_vec())]);
@@ -423,17 +408,13 @@ pub(crate) mod tests {
 
     #[test]
     fn what_is_no_capture_is_an_error() {
-        for (bytes, expected) in [
-            ("", "an empty file"),
-            ("VERSION 0.7 of what else", "neither"),
-        ] {
+        for (bytes, expected) in [("", "an empty file"), ("VERSION 0.7 of what else", "neither")] {
             let error = read_all(bytes.as_bytes()).unwrap_err().to_string();
             assert!(error.contains(expected), "{error}");
         }
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), pcap(&[ethernet(&POINTS)[..96].to_vec()])).unwrap();
-        let cut = Capture::open(file.path()).unwrap().detect(None);
-        let error = cut.err().unwrap().to_string();
+        let error = Capture::open(file.path()).unwrap().detect(None).err().unwrap().to_string();
         assert!(error.contains("1 frames without a whole one"), "{error}");
         let error = Capture::open("/no/such.pcap").err().unwrap().to_string();
         assert!(error.contains("/no/such.pcap"), "{error}");

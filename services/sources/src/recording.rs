@@ -74,10 +74,7 @@ impl Recording {
         tracing::info!(topic, scans = count, poses = motion, "recording");
         Ok(Recording {
             path: path.to_path_buf(),
-            layout: Layout {
-                topic: Some(topic),
-                ..layout.clone()
-            },
+            layout: Layout { topic: Some(topic), ..layout.clone() },
             messages: messages(path)?,
             count,
             sequence: 0,
@@ -267,16 +264,11 @@ fn is_motion(channel: &Channel) -> bool {
 
 /// The requested topic of poses, or `/tf`, or the only other topic of poses.
 fn motion(summary: &Summary, layout: &Layout) -> Result<String, SourceError> {
-    let has = |topic: &str| {
-        let mut channels = summary.channels.values();
-        channels.any(|c| c.topic == topic && is_motion(c))
-    };
-    let wanted = layout.odometry.as_deref();
-    let wanted = wanted.or(has(TF[0]).then_some(TF[0]));
+    let has = |topic: &str| summary.channels.values().any(|c| c.topic == topic && is_motion(c));
+    let wanted = layout.odometry.as_deref().or(has(TF[0]).then_some(TF[0]));
     let is_taken = |channel: &Channel| channel.topic != TF[1] && is_motion(channel);
     let poses = POSES.join(", ");
-    let found = choose(summary, wanted, is_taken, ["poses", &poses, "--odometry"]);
-    found.map(|(topic, _)| topic)
+    choose(summary, wanted, is_taken, ["poses", &poses, "--odometry"]).map(|(topic, _)| topic)
 }
 
 /// Reads the summary. Errors: the file is not an MCAP file, or has no summary.

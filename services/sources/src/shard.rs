@@ -2,8 +2,7 @@
 
 /// Parses `I/N`: part I, from 0 to N-1, of N parts.
 pub fn shard(text: &str) -> Result<[u32; 2], String> {
-    let parts = text.split_once('/');
-    let numbers = parts.and_then(|(i, n)| Some([i.parse().ok()?, n.parse().ok()?]));
+    let numbers = text.split_once('/').and_then(|(i, n)| Some([i.parse().ok()?, n.parse().ok()?]));
     let fits = numbers.filter(|[index, count]| index < count);
     fits.ok_or_else(|| format!("expected I/N with I from 0 to N-1, found {text}"))
 }

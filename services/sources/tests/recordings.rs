@@ -4,21 +4,15 @@ use mluc_ipc_types::Flags;
 use mluc_sources::{Next, Scan, Source, files::Layout};
 use std::path::{Path, PathBuf};
 
-const POINTS: [f32; 12] = [
-    1.0, 2.0, 3.0, 0.5, -4.0, 5.5, -6.0, 0.25, 7.0, -8.0, 9.0, 1.0,
-];
+const POINTS: [f32; 12] = [1.0, 2.0, 3.0, 0.5, -4.0, 5.5, -6.0, 0.25, 7.0, -8.0, 9.0, 1.0];
 
 fn recording(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings");
-    folder.join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings").join(name)
 }
 
 fn open(path: &Path, topic: Option<&str>, repeat: bool) -> Result<Source, String> {
-    let layout = Layout {
-        topic: topic.map(str::to_string),
-        intensity_scale: 0.25,
-        ..Layout::default()
-    };
+    let layout =
+        Layout { topic: topic.map(str::to_string), intensity_scale: 0.25, ..Layout::default() };
     Source::open(path, &layout, repeat).map_err(|error| format!("{error:#}"))
 }
 
@@ -86,11 +80,8 @@ fn scans_come_as_they_were_recorded_round_after_round() {
 #[test]
 fn points_are_corrected_by_whatever_tells_of_motion() {
     let load_with = |odometry: Option<&str>, name: &str| {
-        let layout = Layout {
-            deskew: true,
-            odometry: odometry.map(str::to_string),
-            ..Layout::default()
-        };
+        let layout =
+            Layout { deskew: true, odometry: odometry.map(str::to_string), ..Layout::default() };
         Source::open(&recording(name), &layout, false).map_err(|error| format!("{error:#}"))
     };
     for odometry in [None, Some("/odom"), Some("/pose")] {
@@ -103,8 +94,7 @@ fn points_are_corrected_by_whatever_tells_of_motion() {
             for (number, [x, y, z, _]) in numbers.as_chunks::<4>().0.iter().enumerate() {
                 // The sensor faces the robot's left: what is ahead of the robot is on the sensor's right.
                 let off = [x - 10.0, y + 0.1 * number as f32, z + 1.0];
-                let is_near = off.iter().all(|off| off.abs() < 2e-3);
-                assert!(is_near, "{odometry:?} {number}: {off:?}");
+                assert!(off.iter().all(|off| off.abs() < 2e-3), "{odometry:?} {number}: {off:?}");
             }
             assert_eq!((numbers.len(), scan.flags), (44, Flags::default()));
             let [x, y, z] = scan.pose.unwrap().position_m;
@@ -114,10 +104,7 @@ fn points_are_corrected_by_whatever_tells_of_motion() {
     }
     let own = "topic of poses: expected /points of nav_msgs/msg/Odometry";
     let any = "topic of poses: expected a topic of nav_msgs";
-    let cases = [
-        (Some("/points"), "moving.mcap", own),
-        (None, "lz4.mcap", any),
-    ];
+    let cases = [(Some("/points"), "moving.mcap", own), (None, "lz4.mcap", any)];
     for (odometry, name, words) in cases {
         let error = load_with(odometry, name).err().unwrap();
         assert!(error.contains(words), "{error}");

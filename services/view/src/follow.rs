@@ -74,11 +74,8 @@ impl Follower {
     /// Waits up to 1 s for the newest frame, which is encoded only if somebody `listens`. `None`: this process was asked to end.
     pub fn next(&mut self, listens: impl Fn() -> bool) -> anyhow::Result<Option<Moment>> {
         let next = self.frames.next_within(&mut self.shell, |_, _| (), WAIT)?;
-        let mut moment = Moment {
-            log_ns: wall_clock_ns(),
-            sequence: None,
-            messages: Messages::default(),
-        };
+        let mut moment =
+            Moment { log_ns: wall_clock_ns(), sequence: None, messages: Messages::default() };
         let (run, status) = (self.shell.run().copied(), self.status.update()?);
         match (next, run) {
             (Next::Stopping, _) => return Ok(None),
@@ -117,11 +114,8 @@ impl Follower {
         let indices = own.map_or(&[][..], Message::elements);
         let sensor = Text::unpack(&run.sensor_name).filter(|name| !name.is_empty());
         let head = header(frame.sensor_stamp_ns, sensor.unwrap_or(SENSOR_FRAME));
-        let starting = Status {
-            wire_version: WIRE_VERSION,
-            run_id: frame.run_id,
-            ..Status::default()
-        };
+        let starting =
+            Status { wire_version: WIRE_VERSION, run_id: frame.run_id, ..Status::default() };
         // The supervisor may judge the frame later.
         let status = Status {
             age_ns: monotonic_ns().saturating_sub(frame.stages[0].received_ns),

@@ -67,23 +67,15 @@ pub(crate) fn record(mut follower: Follower, out: &Path, has_stages: bool) -> Re
                 publish_time: moment.log_ns,
             };
             if let Some(data) = message {
-                let written = writer.write_to_known_channel(&header, data);
-                written.with_context(about)?;
+                writer.write_to_known_channel(&header, data).with_context(about)?;
             }
         }
     }
     writer.finish().with_context(about)?;
-    let file = writer.into_inner().into_inner().with_context(about)?;
-    file.sync_all().with_context(about)?;
+    writer.into_inner().into_inner().with_context(about)?.sync_all().with_context(about)?;
     let missed = follower.shell.health.frames_dropped;
     let path = out.display();
-    tracing::info!(
-        frames,
-        missed,
-        without_points,
-        without_stages,
-        "recorded {path}"
-    );
+    tracing::info!(frames, missed, without_points, without_stages, "recorded {path}");
     let is_whole = frames > 0 && missed + without_points + without_stages == 0;
     Ok(ExitCode::from(if is_whole { 0 } else { EXIT_WARNINGS }))
 }
@@ -97,10 +89,7 @@ struct StageMessages<T: Payload> {
 
 impl<T: Payload> StageMessages<T> {
     fn open(shell: &Shell, topic: &Topic) -> Result<StageMessages<T>, RuntimeError> {
-        Ok(StageMessages {
-            input: shell.side_input(topic)?,
-            waiting: VecDeque::new(),
-        })
+        Ok(StageMessages { input: shell.side_input(topic)?, waiting: VecDeque::new() })
     }
 
     /// The message of a frame; `None`: a later message replaced it. Messages of earlier frames are dropped.

@@ -22,12 +22,7 @@ const PAGE_HEAD: &str =
 /// Two names; for the part that is used here, both mean the same protocol.
 const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 /// Origins of pages that may use the socket. A page of another site, open in a browser here, must not read what the robot sees.
-const ORIGINS: [&str; 4] = [
-    "http://127.0.0.1:",
-    "http://localhost:",
-    "http://[::1]:",
-    "file://",
-];
+const ORIGINS: [&str; 4] = ["http://127.0.0.1:", "http://localhost:", "http://[::1]:", "file://"];
 const CLIENTS_MAX: usize = 8;
 /// Largest request or message, bytes.
 const REQUEST_MAX: usize = 8192;
@@ -112,8 +107,7 @@ fn converse(stream: TcpStream, shared: &Shared, protocol: HeaderValue) -> Result
     let config = config.max_frame_size(Some(REQUEST_MAX));
     #[allow(clippy::result_large_err)] // tungstenite's own type
     let greet = |_: &Request, mut response: Response| {
-        let headers = response.headers_mut();
-        headers.insert("sec-websocket-protocol", protocol);
+        response.headers_mut().insert("sec-websocket-protocol", protocol);
         Ok(response)
     };
     let mut socket = match accept_hdr_with_config(stream, greet, Some(config)) {

@@ -28,9 +28,7 @@ pub fn subscribe(text: &str, topics: &mut BTreeMap<u32, usize>) -> Result<(), St
         Wish::Subscribe { subscriptions } => {
             let is_known = subscriptions.iter().all(|own| own.channel_id < TOPICS);
             if !is_known || topics.len() + subscriptions.len() > SUBSCRIPTIONS_MAX {
-                return Err(format!(
-                    "at most {SUBSCRIPTIONS_MAX} channelIds, below {TOPICS}"
-                ));
+                return Err(format!("at most {SUBSCRIPTIONS_MAX} channelIds, below {TOPICS}"));
             }
             topics.extend(subscriptions.iter().map(|own| (own.id, own.channel_id)));
         }

@@ -15,10 +15,8 @@ fn a_client_from_a_package_hears_the_frames_though_it_comes_late_and_comes_again
     let setting = Setting::new("zenoh", 3);
     let config = setting.config("[sensor]\nextrinsics = [0.5, 0.0, 1.0, 0.0, 0.0, 0.0]\n");
     let run = setting.up(&format!("{config} --pace sensor --rate 5 --loop"));
-    let words = format!(
-        "zenoh --points --instance {} --connect tcp/127.0.0.1:{port}",
-        setting.instance
-    );
+    let words =
+        format!("zenoh --points --instance {} --connect tcp/127.0.0.1:{port}", setting.instance);
     let publish = Running::mluc(words.split(' '));
     let hear = || {
         let mut client = Command::new(&python);

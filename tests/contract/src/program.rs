@@ -48,11 +48,7 @@ impl Program {
             .process_group(0)
             .spawn()
             .with_context(|| format!("starting {program}"))?;
-        Ok(Program {
-            process,
-            out,
-            words,
-        })
+        Ok(Program { process, out, words })
     }
 
     pub(crate) fn ended(&mut self) -> Option<ExitStatus> {
@@ -72,8 +68,7 @@ impl Program {
         let length = self.words.metadata()?.len();
         let mut words = vec![0; length.min(WORDS_MAX) as usize];
         // Reads without seeking: the program writes at the same position of the file.
-        self.words
-            .read_exact_at(&mut words, length.saturating_sub(WORDS_MAX))?;
+        self.words.read_exact_at(&mut words, length.saturating_sub(WORDS_MAX))?;
         Ok(String::from_utf8_lossy(&words).trim().to_string())
     }
 
@@ -81,8 +76,7 @@ impl Program {
     pub(crate) fn lines(&self) -> anyhow::Result<Vec<Value>> {
         let mut text = vec![0; self.out.metadata()?.len() as usize];
         self.out.read_exact_at(&mut text, 0)?;
-        let last = text.iter().rposition(|byte| *byte == b'\n');
-        let end = last.map_or(0, |at| at + 1);
+        let end = text.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
         let lines = text[..end].split_inclusive(|byte| *byte == b'\n');
         let line = |line: &[u8]| {
             let text = String::from_utf8_lossy(line);
@@ -183,8 +177,7 @@ impl Tested {
             }
             self.check_alive(awaited)?;
             let patience = self.options.patience;
-            let is_patient = begun.elapsed() <= patience;
-            ensure!(is_patient, "no {awaited} within {patience:?}");
+            ensure!(begun.elapsed() <= patience, "no {awaited} within {patience:?}");
         }
     }
 

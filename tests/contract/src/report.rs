@@ -28,13 +28,7 @@ pub(crate) struct Report {
 impl Report {
     pub(crate) fn new(program: String, cases: Vec<Verdict>, not_run: usize) -> Report {
         let passed = cases.iter().filter(|case| case.passed).count();
-        Report {
-            program,
-            passed,
-            failed: cases.len() - passed,
-            not_run,
-            cases,
-        }
+        Report { program, passed, failed: cases.len() - passed, not_run, cases }
     }
 
     /// Whether every case passed, and at least one ran.

@@ -130,17 +130,12 @@ fn judge<S: Suite>(options: Options, wanted: &[String]) -> anyhow::Result<Report
     while let Some(&(name, act)) = cases.next() {
         let begun = Instant::now();
         let is_first = name == S::CASES[0].0;
-        let is_ready = if is_first {
-            Ok(())
-        } else {
-            S::ready(&mut session)
-        };
+        let is_ready = if is_first { Ok(()) } else { S::ready(&mut session) };
         let result = is_ready.and_then(|()| act(&mut session));
         session.tested.check_uninterrupted()?;
         let passed = result.is_ok();
         let prefix = format!("{name}: ");
-        let mut asks = S::ASKS.lines();
-        let asks = asks.find_map(|line| line.strip_prefix(&prefix));
+        let asks = S::ASKS.lines().find_map(|line| line.strip_prefix(&prefix));
         verdicts.push(Verdict {
             name,
             asks: asks.expect("a line for every case"),
@@ -174,16 +169,14 @@ pub(crate) fn supervised(words: &[&str], more: &[&str]) -> Vec<String> {
     let program = installed_program("mluc").display().to_string();
     let supervisor = std::process::id().to_string();
     let tie = ["--supervised-by", &supervisor];
-    let words = [&[&*program], words, &tie, more].concat();
-    words.into_iter().map(str::to_string).collect()
+    [&[&*program], words, &tie, more].concat().into_iter().map(str::to_string).collect()
 }
 
 /// Whether a text names this wire version and the other one.
 pub(crate) fn names_both(text: &str, other: u32) -> bool {
     let numbers: Vec<&str> = text.split(|c: char| !c.is_ascii_digit()).collect();
     let versions = [WIRE_VERSION, other].map(|version| version.to_string());
-    let mut versions = versions.iter().map(String::as_str);
-    versions.all(|version| numbers.contains(&version))
+    versions.iter().map(String::as_str).all(|version| numbers.contains(&version))
 }
 
 /// Starts the program in an instance whose contract file names another version; returns the program's message.

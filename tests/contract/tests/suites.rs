@@ -41,8 +41,7 @@ fn our_refiner_passes_in_every_mode() {
         assert_eq!(report["passed"], 18, "{report:#}");
         let text = |case: &str| {
             let cases = report["cases"].as_array().expect("cases");
-            let case = cases.iter().find(|c| c["name"] == case).expect("the case");
-            case.to_string()
+            cases.iter().find(|c| c["name"] == case).expect("the case").to_string()
         };
         // Our refiners also do what the contract leaves open.
         for (case, said) in [

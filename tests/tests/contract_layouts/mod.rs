@@ -70,8 +70,7 @@ fn push(fields: &mut Fields, name: &str, element_bytes: usize, count: usize) {
 
 /// `typedef struct mluc_NAME { type field[2][3], other; ... }` of a C header.
 pub(crate) fn c_struct(header: &str, name: &str) -> Fields {
-    let name = name.trim_start_matches("Frame");
-    let name = name.trim_end_matches("Description");
+    let name = name.trim_start_matches("Frame").trim_end_matches("Description");
     let start = format!("typedef struct mluc_{} {{", name.to_lowercase());
     let (_, body) = header.split_once(&start).expect("the struct's name");
     let mut fields = Fields::new();

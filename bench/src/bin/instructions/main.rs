@@ -27,8 +27,7 @@ fn instructions_mark(part: String, parts: &mut Vec<String>) {
 
 fn main() -> Result<()> {
     // The calling thread is the pool, so that every instruction is counted in one place.
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1);
-    pool.use_current_thread().build_global()?;
+    rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build_global()?;
     let (manifest, weights) = model();
     let points = scene::points();
     let weights = measure_ranges(&manifest, &weights, [Ok::<_, TrainError>(points.clone())])?;
@@ -65,8 +64,7 @@ fn network(
     let channels = backbone.feature_channels();
     let (mut cells, mut rows) = (vec![0; cells_max], vec![0.0; cells_max * channels]);
     let mut detections = vec![];
-    let last_sparse = manifest.network.sparse.last();
-    let last_sparse = last_sparse.map_or("", |layer| layer.name.as_str());
+    let last_sparse = manifest.network.sparse.last().map_or("", |layer| layer.name.as_str());
     for frame in 0..FRAMES {
         // All but the last frame count as start: they load, and touch memory for the first time.
         let name = |part: &str| match frame + 1 {

@@ -56,8 +56,7 @@ fn main() -> Result<()> {
     }
     let (manifest, mut weights) = model(&arguments)?;
     let mut record = report::Record::default();
-    let scans = arguments.scans.iter();
-    let scans = scans.map(|scan| Ok((scan, read_scan(scan)?)));
+    let scans = arguments.scans.iter().map(|scan| Ok((scan, read_scan(scan)?)));
     let scans: Vec<_> = scans.collect::<Result<_>>()?;
     if arguments.precision == Precision::Int8 && !weights.is_calibrated() {
         // Ranges from the mirrored scans (left to right): similar to the measured scans, but not the same.

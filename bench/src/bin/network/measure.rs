@@ -28,8 +28,7 @@ pub(crate) fn measure(
     let sensor = Sensor::from_manifest(manifest);
     let mut refiner = Refiner::with_scorer(Settings::default(), &sensor, scorer)?;
     let mut refined = RefinerOutput::default();
-    let last_sparse = manifest.network.sparse.last();
-    let last_sparse = last_sparse.map_or("", |layer| &layer.name);
+    let last_sparse = manifest.network.sparse.last().map_or("", |layer| &layer.name);
     for round in 0..UNTIMED + rounds {
         let mut frame = Frame::default();
         let (start, mut last) = (Start::now(), Start::now());

@@ -53,8 +53,7 @@ impl Frame {
     }
 
     fn part_ms(&self, part: &str) -> f64 {
-        let steps = self.steps.iter().filter(|step| step.part == part);
-        steps.map(|step| step.ms).sum()
+        self.steps.iter().filter(|step| step.part == part).map(|step| step.ms).sum()
     }
 }
 

@@ -73,9 +73,7 @@ fn parse(bytes: &[u8]) -> Result<Line, String> {
     }
     let mut sizes = line.objects.iter().flat_map(|o| o.box_in_sensor.size_m);
     match sizes.find(|v| !(v.is_finite() && *v > 0.0)) {
-        Some(found) => Err(format!(
-            "field size_m: expected sizes above 0, found {found}"
-        )),
+        Some(found) => Err(format!("field size_m: expected sizes above 0, found {found}")),
         None => Ok(line),
     }
 }
@@ -103,10 +101,8 @@ mod tests {
     #[test]
     fn takes_objects_and_passes_over_the_rest() {
         let good = good();
-        let frames = read_text(&format!(
-            "{good}\n{{\"status\":{{\"state\":\"blind\"}}}}\n\n"
-        ))
-        .expect("a frame");
+        let frames = read_text(&format!("{good}\n{{\"status\":{{\"state\":\"blind\"}}}}\n\n"))
+            .expect("a frame");
         let place = Box3::new([10.0, 1.0, -1.0, 4.0, 2.0, 1.5, 0.1]);
         assert_eq!(frames["000008"], [SensorDetection::unknown(0.5, place)]);
         assert!(read_text("").expect("nothing").is_empty());
@@ -120,8 +116,7 @@ mod tests {
                 panic!("{line}");
             };
             let expected = expected.replace("WIRE", &WIRE_VERSION.to_string());
-            let line = LINE.replace(whole, broken);
-            let line = line.replace("WIRE", &WIRE_VERSION.to_string());
+            let line = LINE.replace(whole, broken).replace("WIRE", &WIRE_VERSION.to_string());
             let fault = read_text(&format!("{good}\n{line}")).expect_err(&expected);
             assert!(fault.contains(&expected), "{fault}");
         }

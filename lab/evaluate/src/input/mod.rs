@@ -170,8 +170,7 @@ fn frame(
 fn compare_names(source: &Source, labelled: &[String], detected: &[String]) -> Result<Vec<String>> {
     let only = |these: &[String], others: &[String]| -> Vec<String> {
         let others: BTreeSet<&String> = others.iter().collect();
-        let alone = these.iter().filter(|name| !others.contains(name));
-        alone.cloned().collect()
+        these.iter().filter(|name| !others.contains(name)).cloned().collect()
     };
     let (missing, foreign) = (only(labelled, detected), only(detected, labelled));
     if missing.len() == labelled.len() {
@@ -197,13 +196,9 @@ fn compare_names(source: &Source, labelled: &[String], detected: &[String]) -> R
 pub(crate) fn image_size<'a>(labels: impl IntoIterator<Item = &'a Vec<Label>>) -> ImageSize {
     let labels = labels.into_iter().flatten();
     labels.fold(ImageSize::KITTI, |size, label| {
-        let [_, _, right, bottom] = label
-            .image_box_px
-            .map(|px| (px.ceil() as u32).saturating_add(1));
-        ImageSize {
-            width_px: size.width_px.max(right),
-            height_px: size.height_px.max(bottom),
-        }
+        let [_, _, right, bottom] =
+            label.image_box_px.map(|px| (px.ceil() as u32).saturating_add(1));
+        ImageSize { width_px: size.width_px.max(right), height_px: size.height_px.max(bottom) }
     })
 }
 
@@ -219,10 +214,7 @@ pub(crate) fn image_size_beside(labels: &Path, name: &str, other: ImageSize) -> 
         let what = format!("expected a PNG image of known size, found something else ({e})");
         EvaluateError::file(&path, what)
     })?;
-    Ok(ImageSize {
-        width_px: head.width,
-        height_px: head.height,
-    })
+    Ok(ImageSize { width_px: head.width, height_px: head.height })
 }
 
 #[cfg(test)]
@@ -235,10 +227,8 @@ mod tests {
         let (labels, images) = (folder.path().join("label_2"), folder.path().join("image_2"));
         std::fs::create_dir_all(&labels).expect("a folder");
         std::fs::create_dir_all(&images).expect("a folder");
-        let label = |right, bottom| Label {
-            image_box_px: [5.0, 5.0, right, bottom],
-            ..Label::default()
-        };
+        let label =
+            |right, bottom| Label { image_box_px: [5.0, 5.0, right, bottom], ..Label::default() };
         let all = [vec![label(1400.2, 9.0)], vec![], vec![label(9.0, 300.0)]];
         let assumed = image_size(&all);
         assert_eq!((assumed.width_px, assumed.height_px), (1402, 375));
@@ -247,8 +237,7 @@ mod tests {
         let file = File::create(images.join("0.png")).expect("a file");
         let mut writer = png::Encoder::new(file, 7, 5);
         writer.set_color(png::ColorType::Grayscale);
-        let mut writer = writer.write_header().expect("a header");
-        writer.write_image_data(&[0; 35]).expect("an image");
+        writer.write_header().expect("a header").write_image_data(&[0; 35]).expect("an image");
         let size = image_size_beside(&labels, "0", assumed).expect("an image");
         assert_eq!((size.width_px, size.height_px), (7, 5));
         std::fs::write(images.join("1.png"), [0; 100]).expect("written");

@@ -30,8 +30,7 @@ pub struct DetectedFrame {
 impl DetectedFrame {
     /// The boxes for the refiner at a threshold of the gate, in the refiner's order.
     pub fn gated(&self, gate: ModelGate, threshold: f32) -> Vec<Detection> {
-        let boxes = self.detections.iter();
-        boxes.filter_map(|d| gate.apply(d, threshold)).collect()
+        self.detections.iter().filter_map(|d| gate.apply(d, threshold)).collect()
     }
 
     /// Removes the boxes of anchors that have no class.
@@ -65,10 +64,7 @@ impl FrameSet {
     /// Every `count`th frame from `index` on.
     pub fn shard(&self, [index, count]: [u32; 2]) -> FrameSet {
         let names = self.names.iter().skip(index as usize);
-        FrameSet {
-            names: names.step_by(count as usize).cloned().collect(),
-            ..self.clone()
-        }
+        FrameSet { names: names.step_by(count as usize).cloned().collect(), ..self.clone() }
     }
 
     /// Names of the frames, in order.
@@ -115,6 +111,5 @@ pub fn scan_points(dataset: &Dataset, name: &str) -> Result<Vec<Point>, DatasetE
 }
 
 pub(crate) fn finite_points(scan: &[[f32; 4]]) -> Vec<Point> {
-    let points = bytemuck::cast_slice(scan).iter().copied();
-    points.filter(Point::is_finite).take(POINTS_MAX).collect()
+    bytemuck::cast_slice(scan).iter().copied().filter(Point::is_finite).take(POINTS_MAX).collect()
 }

@@ -98,23 +98,13 @@ impl ModelGate {
         if !detection.has_class() && !is_unknown {
             return None;
         }
-        let kind = if is_unknown {
-            DetectionKind::Candidate
-        } else {
-            DetectionKind::Known
-        };
+        let kind = if is_unknown { DetectionKind::Candidate } else { DetectionKind::Known };
         let eds = match self {
             // The paper's refiner ranks by 1 / EDS, so the box gets this gate's rank in the field `eds`.
             ModelGate::Softmax => 1.0 / self.rank(detection).max(1e-6),
             _ => detection.eds,
         };
-        Some(Detection {
-            kind: kind as u32,
-            gate: gate_kind as u32,
-            threshold,
-            eds,
-            ..*detection
-        })
+        Some(Detection { kind: kind as u32, gate: gate_kind as u32, threshold, eds, ..*detection })
     }
 
     pub(super) fn threshold(self, thresholds: &Thresholds) -> f32 {
@@ -146,10 +136,7 @@ mod tests {
     use mluc_model::{Grid, Manifest, Network};
 
     fn with_logit(logit: f32) -> Detection {
-        Detection {
-            unknown_probability: 1.0 / (1.0 + (-logit).exp()),
-            ..Detection::default()
-        }
+        Detection { unknown_probability: 1.0 / (1.0 + (-logit).exp()), ..Detection::default() }
     }
 
     #[test]

@@ -42,8 +42,7 @@ pub struct ModelJudgement {
 impl ModelJudgement {
     /// Number of unknown labels that count.
     pub fn unknown_labels(&self) -> usize {
-        let unknown = self.gated.unknown();
-        unknown.map_or(0, |class| class.main().truth_count)
+        self.gated.unknown().map_or(0, |class| class.main().truth_count)
     }
 }
 
@@ -185,8 +184,7 @@ pub fn choose_profiles(
             let scans = third.iter().map(|&(_, at)| scans[at].clone());
             operating(&scans.collect::<Vec<_>>()).safe_score_min(ObjectKind::Unknown, most)
         };
-        let thirds = by_points.chunks(frames.len().div_ceil(3).max(1));
-        thirds.map(third).fold(0.0, f32::max)
+        by_points.chunks(frames.len().div_ceil(3).max(1)).map(third).fold(0.0, f32::max)
     };
     // An object that is not published as unknown may be published as known, and the points of a known object that is not published may be unknown.
     let least = |most_unknown: f64, most_known: f64| {
@@ -194,9 +192,7 @@ pub fn choose_profiles(
         let mut left = published(unknown, 0.0)?;
         // Each score raises the other, if at all, by less and less.
         for _ in 0..4 {
-            known = operating(&left)
-                .safe_score_min(ObjectKind::Known, most_known)
-                .max(known);
+            known = operating(&left).safe_score_min(ObjectKind::Known, most_known).max(known);
             let more = unknown_min(&published(0.0, known)?, most_unknown);
             if more <= unknown {
                 break;
@@ -204,11 +200,7 @@ pub fn choose_profiles(
             unknown = more;
             left = published(unknown, 0.0)?;
         }
-        let score_min = ScoreMin {
-            known,
-            unknown,
-            both_readings: false,
-        };
+        let score_min = ScoreMin { known, unknown, both_readings: false };
         Ok::<_, EvaluateError>((score_min, left))
     };
     let (quiet, _) = least(0.1, 0.2)?;
@@ -231,12 +223,7 @@ pub fn choose_profiles(
             known: operating(&of_known).probabilities().known,
         },
         errors: vec![
-            errors(
-                "unknown",
-                ObjectKind::Unknown,
-                &of_unknown,
-                balanced.unknown,
-            ),
+            errors("unknown", ObjectKind::Unknown, &of_unknown, balanced.unknown),
             errors("known", ObjectKind::Known, &of_known, balanced.known),
         ],
     })

@@ -48,8 +48,7 @@ pub fn separation(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreSep
     let figures = |score: &str, values: Vec<f64>| {
         let side = |kind: Option<ObjectKind>| -> Vec<f64> {
             let pairs = boxes.iter().zip(&values);
-            let of_kind = pairs.filter(|(b, _)| b.rule.map(|rule| rule.kind) == kind);
-            of_kind.map(|(_, v)| *v).collect()
+            pairs.filter(|(b, _)| b.rule.map(|rule| rule.kind) == kind).map(|(_, v)| *v).collect()
         };
         let [k, u, b] = [Some(ObjectKind::Known), Some(ObjectKind::Unknown), None].map(side);
         ScoreSeparation {

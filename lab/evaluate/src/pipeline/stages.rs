@@ -77,8 +77,7 @@ impl SensorDetection {
                 SensorDetection::known(o.class_id, classes, o.score, place)
             }
         };
-        let published = refined.objects.iter().filter(|o| o.is_published());
-        published.map(object).collect()
+        refined.objects.iter().filter(|o| o.is_published()).map(object).collect()
     }
 }
 
@@ -117,10 +116,7 @@ impl GatedObjects {
         let classes = model.manifest.class_names();
         let known = |d: &Detection| SensorDetection::of_box(d, &classes);
         let of_frame = |frame: &DetectedFrame| vec![frame.detections.iter().map(known).collect()];
-        GatedObjects {
-            thresholds: vec![0.0],
-            objects: frames.iter().map(of_frame).collect(),
-        }
+        GatedObjects { thresholds: vec![0.0], objects: frames.iter().map(of_frame).collect() }
     }
 }
 
@@ -162,8 +158,5 @@ pub fn objects_at(
     };
     let frames = (0..set.names().len()).into_par_iter();
     let objects: Result<_> = frames.map_init(refiner, one).collect();
-    Ok(GatedObjects {
-        objects: objects?,
-        thresholds,
-    })
+    Ok(GatedObjects { objects: objects?, thresholds })
 }

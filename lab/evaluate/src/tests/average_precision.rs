@@ -36,8 +36,7 @@ fn curve(frames: &[LabelledFrame], rule: &ClassRule, metric: Metric) -> Curve {
 /// AP of one frame over all points.
 fn ap_all(labels: &[&Label], detections: &[Label], rule: &ClassRule) -> f64 {
     let labels = labels.iter().map(|label| (*label).clone()).collect();
-    let curve = curve(&[frame(labels, detections.to_vec())], rule, SPACE);
-    curve.average_precision().all
+    curve(&[frame(labels, detections.to_vec())], rule, SPACE).average_precision().all
 }
 
 /// AP of 41 hits and one false alarm with the highest score.
@@ -54,8 +53,7 @@ fn ap_with(label: Option<&Label>, detection: Label, rule: &ClassRule, metric: Me
 }
 
 fn close(found: f64, expected: f64) {
-    let is_close = (found - expected).abs() < 0.01;
-    assert!(is_close, "expected {expected}, found {found}");
+    assert!((found - expected).abs() < 0.01, "expected {expected}, found {found}");
 }
 
 /// `count` cars that are found, each in its own frame.
@@ -224,8 +222,7 @@ fn the_fair_protocol_counts_neither_trams_nor_what_lies_where_nobody_labelled() 
     let mut half = object("", 3);
     half.image_box_px = region.image_box_px.map(|edge| edge + 25.0);
     let wall = object("", 4);
-    let places = [&tram, &region, &half, &wall, &van].into_iter();
-    let places = places.zip([0.9, 0.8, 0.7, 0.6, 0.5]);
+    let places = [&tram, &region, &half, &wall, &van].into_iter().zip([0.9, 0.8, 0.7, 0.6, 0.5]);
     let detections = places.map(|(label, score)| found(label, "unknown", score));
     let detections: Vec<Label> = detections.collect();
     for (protocol, false_before_the_van) in [

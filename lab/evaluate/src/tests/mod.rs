@@ -24,11 +24,7 @@ pub(crate) fn label(class: &str, x_m: f64) -> Label {
 
 /// A detection at exactly this label.
 pub(crate) fn found(label: &Label, class: &str, score: f64) -> Label {
-    Label {
-        class: class.to_owned(),
-        score: Some(score),
-        ..label.clone()
-    }
+    Label { class: class.to_owned(), score: Some(score), ..label.clone() }
 }
 
 /// A detection where a label with this x would be.
@@ -37,8 +33,5 @@ pub(crate) fn found_at(x_m: f64, class: &str, score: f64) -> Label {
 }
 
 pub(crate) fn frame(labels: Vec<Label>, detections: Vec<Label>) -> LabelledFrame {
-    LabelledFrame {
-        labels: labels.into(),
-        detections,
-    }
+    LabelledFrame { labels: labels.into(), detections }
 }

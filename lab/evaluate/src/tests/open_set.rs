@@ -20,11 +20,7 @@ fn truth(labels: &[(&str, Box3)]) -> FrameTruth {
         camera_box: calibration.label_from_box_in_sensor(shape),
         ..Label::default()
     };
-    FrameTruth {
-        labels: labels.iter().map(label).collect(),
-        calibration,
-        image: ImageSize::KITTI,
-    }
+    FrameTruth { labels: labels.iter().map(label).collect(), calibration, image: ImageSize::KITTI }
 }
 
 /// A box of the network: it is unknown if its gate's score is below the threshold.
@@ -136,9 +132,7 @@ fn a_threshold_is_chosen_on_one_half_and_judged_on_the_other() {
     assert!(honest.thresholds.iter().all(|t| *t <= 1.18 && *t > 0.0));
     // Unbiased figures cannot come from thresholds that were chosen on the judged half.
     let of = |half: usize, threshold: f64| {
-        let mut points = points.iter();
-        let point = points.find(|p| p.threshold == threshold).expect("it");
-        point.halves[half].recall_unknown
+        points.iter().find(|p| p.threshold == threshold).expect("it").halves[half].recall_unknown
     };
     let expected = (of(0, honest.thresholds[1]) + of(1, honest.thresholds[0])) / 2.0;
     assert_eq!(honest.figures["recall_unknown"], expected);

@@ -67,8 +67,7 @@ pub(crate) fn run(arguments: AdaptArguments) -> Result<()> {
         None => ANY_OPEN.to_vec(),
     };
     let is_known = |class: &Class| arguments.known.contains(class);
-    let known = Class::REAL.into_iter().filter(is_known).map(lower);
-    let known: Vec<String> = known.collect();
+    let known: Vec<String> = Class::REAL.into_iter().filter(is_known).map(lower).collect();
     check_known(&known)?;
     let from = arguments.init.as_deref().unwrap_or("any-open".as_ref());
     let model = Model::from_bytes(&init).with_context(|| from.display().to_string())?;
@@ -178,8 +177,7 @@ impl Adaptation<'_> {
         let beams = sensor.elevations_deg.len() as f32;
         let mut takes = Takes::like(beams, rays(sensor), sensor.height_m.unwrap_or_default());
         // Beams above the horizon may see only the sky.
-        let below = sensor.elevations_deg.iter().filter(|deg| **deg < 0.0);
-        let below = below.count() as f32 / beams;
+        let below = sensor.elevations_deg.iter().filter(|deg| **deg < 0.0).count() as f32 / beams;
         for [low, _] in [&mut takes.beams, &mut takes.points] {
             *low = (*low as f32 * below) as u32;
         }

@@ -60,8 +60,7 @@ impl RenderArguments {
                 step();
                 picture
             };
-            let pictures = scans.par_iter().map(one);
-            pictures.collect::<anyhow::Result<Vec<_>>>()
+            scans.par_iter().map(one).collect::<anyhow::Result<Vec<_>>>()
         };
         let pictures = counted("drawing", scans.len(), drawn)?;
         Ok(match self.animate {
@@ -99,10 +98,7 @@ impl RenderArguments {
             return Ok(BTreeMap::new());
         };
         let found = read_json_lines(path)?;
-        if !scans
-            .iter()
-            .any(|scan| found.contains_key(FrameHeader::cut(&stem(scan))))
-        {
+        if !scans.iter().any(|scan| found.contains_key(FrameHeader::cut(&stem(scan)))) {
             let expected = scans.first().map(|scan| stem(scan)).unwrap_or_default();
             let other = found.keys().next().context("no frame")?;
             bail!(
@@ -133,11 +129,7 @@ impl RenderArguments {
         if self.perspective {
             return Ok(perspective(&points, &boxes, &title, WIDTHS_PX[size]));
         }
-        let mut view = if self.ahead {
-            View::ahead()
-        } else {
-            View::around()
-        };
+        let mut view = if self.ahead { View::ahead() } else { View::around() };
         (view.title, view.px_per_m) = (title, PX_PER_M[size]);
         Ok(bird_eye(&points, &boxes, &view))
     }
@@ -164,8 +156,7 @@ impl RenderArguments {
 }
 
 fn stem(scan: &Path) -> String {
-    let stem = scan.file_stem().unwrap_or_default();
-    stem.to_string_lossy().into_owned()
+    scan.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// The given file, or the scan's file in the given folder, or in `folder` next to the scan's own folder.
@@ -252,8 +243,7 @@ mod tests {
         assert!(animation.windows(4).any(|word| word == b"acTL"));
         let error = arguments("scans", "", "other.jsonl").picture();
         let error = error.expect_err("no frame is a scan's").to_string();
-        let names_both = error.contains("expected '0'") && error.contains("found '7'");
-        assert!(names_both, "{error}");
+        assert!(error.contains("expected '0'") && error.contains("found '7'"), "{error}");
         assert!(arguments("none.bin", "", "").picture().is_err());
     }
 }

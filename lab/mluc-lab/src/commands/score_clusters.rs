@@ -37,9 +37,8 @@ pub(crate) fn run(arguments: ScoreClustersArguments) -> anyhow::Result<()> {
         arguments.model.display()
     );
     let set = FrameSet::open(&arguments.data, None, usize::MAX)?;
-    let scorer = counted("network", set.names().len(), |step| {
-        fit_to_proposals(&model, &set, 1, step)
-    })?;
+    let scorer =
+        counted("network", set.names().len(), |step| fit_to_proposals(&model, &set, 1, step))?;
     let scorer = scorer.with_context(|| {
         let data = set.describe();
         format!("{data}: expected boxes of the network on synthetic unknown objects (simulate --synthetic-unknown) and boxes elsewhere, found only one of the two kinds, or none")

@@ -23,19 +23,11 @@ pub(crate) struct Train {
 /// The commit of the checkout that this program was built in; `unknown` where git or a repository is not available.
 pub(super) fn commit() -> String {
     let mut git = std::process::Command::new("git");
-    let output = git
-        .args([
-            "-C",
-            env!("CARGO_MANIFEST_DIR"),
-            "rev-parse",
-            "--short=12",
-            "HEAD",
-        ])
-        .output();
+    let output =
+        git.args(["-C", env!("CARGO_MANIFEST_DIR"), "rev-parse", "--short=12", "HEAD"]).output();
     let output = output.ok().filter(|output| output.status.success());
     let text = output.and_then(|output| String::from_utf8(output.stdout).ok());
-    let commit = text.map(|text| text.trim().to_owned());
-    let commit = commit.filter(|text| !text.is_empty());
+    let commit = text.map(|text| text.trim().to_owned()).filter(|text| !text.is_empty());
     commit.unwrap_or_else(|| "unknown".into())
 }
 
@@ -103,8 +95,7 @@ fn show(screen: &Progress, p: &TrainProgress) {
     let mut losses = p.losses;
     let named = losses.named_mut();
     let used = named.iter().filter(|(_, value)| **value != 0.0);
-    let parts = used.map(|(name, value)| format!("{name} {value:.3}"));
-    let parts: Vec<String> = parts.collect();
+    let parts: Vec<String> = used.map(|(name, value)| format!("{name} {value:.3}")).collect();
     let text = format!(
         "loss {:.3} ({}), {:.2} frames/s, {:.0} min left",
         p.loss,

@@ -43,8 +43,7 @@ pub(super) fn read(bytes: &[u8]) -> anyhow::Result<Checkpoint> {
 /// Little-endian elements as f32; f64 is rounded. `None` for integers.
 fn numbers(bytes: &[u8], element: Dtype) -> Option<Vec<f32>> {
     fn each<const N: usize>(bytes: &[u8], convert: impl Fn([u8; N]) -> f32) -> Vec<f32> {
-        let values = bytes.as_chunks::<N>().0.iter();
-        values.map(|value| convert(*value)).collect()
+        bytes.as_chunks::<N>().0.iter().map(|value| convert(*value)).collect()
     }
     match element {
         Dtype::F32 => Some(each(bytes, f32::from_le_bytes)),

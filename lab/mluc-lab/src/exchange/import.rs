@@ -30,10 +30,8 @@ pub fn anchor(class: &str) -> anyhow::Result<AnchorClass> {
 
 /// SECOND on KITTI's grid with these classes, in the order of the checkpoint's configuration.
 pub fn second(name: &str, classes: Vec<AnchorClass>) -> Manifest {
-    let network = Network {
-        head: HeadKind::Sigmoid,
-        ..Network::second(Grid::kitti_second(), classes.len())
-    };
+    let network =
+        Network { head: HeadKind::Sigmoid, ..Network::second(Grid::kitti_second(), classes.len()) };
     let mut manifest = Manifest::untrained(name, network);
     manifest.classes = classes;
     manifest.provenance.data = "imported from a checkpoint of OpenPCDet".into();
@@ -80,8 +78,7 @@ fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> anyhow::Result<Import
         };
         bail!("tensor `{tensor}`{others}: expected a layer of SECOND, found none of that name");
     }
-    let sparse = found.iter();
-    let sparse = sparse.filter_map(|(.., shape, t)| Some((five(shape)?, t.shape.clone())));
+    let sparse = found.iter().filter_map(|(.., shape, t)| Some((five(shape)?, t.shape.clone())));
     let layout = SparseLayout::of(&sparse.collect::<Vec<_>>());
     for (ours, theirs, shape, tensor) in found {
         let tensor = fitted(&theirs, &shape, tensor, layout)?;
@@ -148,8 +145,7 @@ impl SparseLayout {
     /// The first layout that fits every layer: pairs of our shape and the shape found.
     pub fn of(layers: &[([usize; 5], Vec<usize>)]) -> Option<SparseLayout> {
         let fits = |layout: &SparseLayout| {
-            let mut layers = layers.iter();
-            layers.all(|(ours, found)| layout.shape(*ours)[..] == found[..])
+            layers.iter().all(|(ours, found)| layout.shape(*ours)[..] == found[..])
         };
         SparseLayout::ALL.into_iter().find(fits)
     }
@@ -164,9 +160,6 @@ impl SparseLayout {
             SparseLayout::TapsOutIn => (tap * out + o) * cin + i,
         };
         let places = (0..out * taps * cin).map(|n| at(n / cin / taps, n / cin % taps, n % cin));
-        Tensor {
-            shape: ours.to_vec(),
-            data: places.map(|place| tensor.data[place]).collect(),
-        }
+        Tensor { shape: ours.to_vec(), data: places.map(|place| tensor.data[place]).collect() }
     }
 }

@@ -34,6 +34,5 @@ pub fn export(model: &Model) -> anyhow::Result<Vec<u8>> {
     let manifest = serde_json::to_string(&model.manifest).context("the manifest")?;
     let metadata = [(MANIFEST_KEY, manifest), ("format", "pt".to_owned())];
     let metadata = HashMap::from(metadata.map(|(key, value)| (key.to_owned(), value)));
-    let file = safetensors::serialize(renamed.iter(), Some(metadata));
-    file.context("the safetensors cannot be made")
+    safetensors::serialize(renamed.iter(), Some(metadata)).context("the safetensors cannot be made")
 }

@@ -9,8 +9,7 @@ use mluc_model::{calibration_tensor, expected_tensors};
 /// OpenPCDet's name of one of our tensors; heads that it does not have are named in the same way.
 pub fn openpcdet_name(ours: &str) -> String {
     let (layer, part) = ours.rsplit_once('.').unwrap_or((ours, ""));
-    let without_norm = layer.strip_suffix(".bn");
-    let (layer, norm) = without_norm.map_or((layer, 0), |layer| (layer, 1));
+    let (layer, norm) = layer.strip_suffix(".bn").map_or((layer, 0), |layer| (layer, 1));
     if let Some(module) = layer.strip_prefix("backbone3d.") {
         return format!("backbone_3d.{module}.{norm}.{part}");
     }

@@ -40,10 +40,8 @@ impl Folder {
 
     fn perfect_objects(&self, part: &str) -> Vec<Value> {
         let kinds = ["known", "known", "unknown"];
-        let names = kinds.into_iter().zip(["car", "pedestrian", "van"]);
-        let objects = names.zip(self.boxes(part));
-        let objects = objects.map(|((kind, label), b)| object(kind, label, 0.9, b));
-        objects.collect()
+        let objects = kinds.into_iter().zip(["car", "pedestrian", "van"]).zip(self.boxes(part));
+        objects.map(|((kind, label), b)| object(kind, label, 0.9, b)).collect()
     }
 }
 
@@ -73,8 +71,7 @@ fn judging(what: &str, parts: &str, more: &str) -> String {
 }
 
 fn figure(report: &Value, key: &str, name: &str) -> f64 {
-    let value = report[key][name].as_f64();
-    value.unwrap_or_else(|| panic!("{key} {name}: not there"))
+    report[key][name].as_f64().unwrap_or_else(|| panic!("{key} {name}: not there"))
 }
 
 #[test]
@@ -152,10 +149,7 @@ fn overlaps_and_classes_can_be_chosen() {
     // The van is reported as a car.
     objects.push(object("known", "car", 0.99, van));
     folder.write(FOUND, line("000000", objects));
-    for (options, expected) in [
-        ("--json", 0.0),
-        ("--json --iou car=0.5,pedestrian=0.25", 100.0),
-    ] {
+    for (options, expected) in [("--json", 0.0), ("--json --iou car=0.5,pedestrian=0.25", 100.0)] {
         let found = figure(&folder.json(&ap("a", options)), CAR, "ap_all");
         assert_eq!(found, expected, "{options}");
     }

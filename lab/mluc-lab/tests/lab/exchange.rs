@@ -73,8 +73,7 @@ fn every_layout_gives_the_same_weights() -> Fallible {
         assert!(imported.weights == expected, "{layout:?}: weights differ");
         let manifest = imported.manifest;
         assert_eq!(manifest.network, network);
-        let anchors = manifest.classes.iter();
-        let anchors = anchors.map(|class| (class.name.as_str(), class.bottom_z_m));
+        let anchors = manifest.classes.iter().map(|class| (class.name.as_str(), class.bottom_z_m));
         assert!(anchors.eq([("car", -1.78), ("pedestrian", -0.6), ("cyclist", -0.6)]));
         assert!(manifest.empty_objectness_max < 0.01);
     }
@@ -115,10 +114,7 @@ fn refused(file: &[u8]) -> String {
 fn what_is_missing_or_too_much_or_of_another_shape_is_named() -> Fallible {
     let network = second();
     let whole = entries(&network, &weights(&network), SparseLayout::OutTapsIn)?;
-    let zeros = |count: usize| Tensor {
-        shape: vec![count],
-        data: vec![0.0; count],
-    };
+    let zeros = |count: usize| Tensor { shape: vec![count], data: vec![0.0; count] };
     let first = "backbone_3d.conv_input.0.weight";
     let [mut turned, mut broken] = [(); 2].map(|()| whole[first].clone());
     turned.shape.rotate_left(1);
@@ -155,10 +151,7 @@ fn a_network_that_sees_things_in_an_empty_scene_is_refused() -> Fallible {
 
 #[test]
 fn files_of_any_length_and_with_any_byte_changed_are_refused() {
-    let tensor = Tensor {
-        shape: vec![2, 3],
-        data: vec![0.5; 6],
-    };
+    let tensor = Tensor { shape: vec![2, 3], data: vec![0.5; 6] };
     let name = "backbone_3d.conv_input.0.weight".to_owned();
     let file = file(&BTreeMap::from([(name, tensor)]));
     let whole = refused(&file);
@@ -179,10 +172,7 @@ fn files_of_any_length_and_with_any_byte_changed_are_refused() {
 #[test]
 fn a_file_of_pytorch_is_sent_to_the_tool() {
     let folder = Folder::new();
-    for head in [
-        &b"PK\x03\x04 a zip archive"[..],
-        b"\x80\x02\x8a\x0a a pickle",
-    ] {
+    for head in [&b"PK\x03\x04 a zip archive"[..], b"\x80\x02\x8a\x0a a pickle"] {
         folder.write("second.pth", head);
         let words = ["second.pth", "tools/checkpoint_to_safetensors.py"];
         let import = "import --checkpoint second.pth --out never.safetensors";

@@ -34,8 +34,7 @@ fn an_imported_checkpoint_answers_as_pytorch_does() -> anyhow::Result<()> {
     let imported = |name: &str| import(&read(&folder.join(name))?, on_kitti());
     let legacy = imported("legacy.safetensors")?;
     let imported = imported("checkpoint.safetensors")?;
-    let is_same = imported.weights == legacy.weights;
-    assert!(is_same, "both formats of PyTorch");
+    assert!(imported.weights == legacy.weights, "both formats of PyTorch");
     let points = read_scan(&folder.join("points.bin"))?;
     let found = answers(&imported, &points)?;
     let network = &imported.manifest.network;

@@ -66,13 +66,10 @@ impl Folder {
         let output = self.command(words).output().expect("started");
         let log = text(&output.stderr);
         assert!(matches!(output.status.code(), Some(1 | 2)), "{log}");
-        let is_refused = output.stdout.is_empty() && !log.contains("panicked");
-        assert!(is_refused, "{log}");
-        let mut starts = ["mluc-lab: ", "error: "].iter();
-        let last = starts.find_map(|start| log.rfind(start));
+        assert!(output.stdout.is_empty() && !log.contains("panicked"), "{log}");
+        let last = ["mluc-lab: ", "error: "].iter().find_map(|start| log.rfind(start));
         let fault = &log[last.expect("a message")..];
-        let has_all = said.iter().all(|word| fault.contains(word));
-        assert!(has_all, "{said:?}: {log}");
+        assert!(said.iter().all(|word| fault.contains(word)), "{said:?}: {log}");
     }
 }
 

@@ -90,8 +90,7 @@ fn a_killed_run_goes_on_to_the_bits_of_an_uninterrupted_one() {
     let steps = "--steps 8 --checkpoint-every 1";
     place.trained("whole", steps);
 
-    let mut first = place.trainer("cut", steps);
-    let mut child = first.stderr(Stdio::null()).spawn().expect("started");
+    let mut child = place.trainer("cut", steps).stderr(Stdio::null()).spawn().expect("started");
     let checkpoint = place.path("cut/checkpoint.safetensors");
     mluc_tests::wait_for(Duration::from_secs(60), || checkpoint.exists());
     child.kill().expect("killed");
@@ -120,8 +119,7 @@ fn a_run_writes_over_nothing_that_is_not_its_own() {
     place.refuses_to_train("run", "--steps 1 --seed 2", &other_run);
     // Other labels under the same name make other data.
     let less = |bytes: &[u8]| {
-        let mut lines = bytes.splitn(2, |byte| *byte == b'\n');
-        lines.nth(1).expect("a second line").to_vec()
+        bytes.splitn(2, |byte| *byte == b'\n').nth(1).expect("a second line").to_vec()
     };
     place.with("data/train/label_2/000001.txt", less, || {
         place.refuses_to_train("run", ONE, &["expected a run with"]);
@@ -180,8 +178,7 @@ fn a_full_terminal_stops_nothing() {
     assert!(status.expect("started").success());
     assert!(!place.model("run").is_empty());
     // The answer itself must arrive. If it does not, the program ends with an error and without a panic.
-    let mut command = place.trainer("other", ONE);
-    let output = command.stdout(full()).output().expect("started");
+    let output = place.trainer("other", ONE).stdout(full()).output().expect("started");
     let text = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{text}");
     assert!(text.contains("standard output"), "{text}");

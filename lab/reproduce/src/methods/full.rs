@@ -50,8 +50,7 @@ pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
         if !refine {
             // Without clustering the refiner ranks boxes by 1 / EDS: set it so that all steps rank by the same score.
             let score = |d: &Detection| d.objectness * d.unknown_probability.powi(3);
-            let boxes = frame.detections.iter_mut();
-            boxes.for_each(|d| d.eds = 1.0 / score(d).max(1e-6));
+            frame.detections.iter_mut().for_each(|d| d.eds = 1.0 / score(d).max(1e-6));
         }
         frame
     };

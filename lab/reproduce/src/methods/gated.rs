@@ -23,8 +23,5 @@ pub(super) fn as_they_are(input: &MethodInput, gate: ModelGate) -> GatedObjects 
         (input.step)();
         thresholds.iter().map(|t| at(frame, *t)).collect()
     });
-    GatedObjects {
-        objects: objects.collect(),
-        thresholds,
-    }
+    GatedObjects { objects: objects.collect(), thresholds }
 }

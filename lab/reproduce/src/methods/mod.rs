@@ -39,14 +39,7 @@ pub struct MethodInput<'a> {
 impl<'a> MethodInput<'a> {
     /// Input with the method's own thresholds and all of its parts.
     pub fn new(model: &'a Model, set: &'a FrameSet, frames: &'a [DetectedFrame]) -> Self {
-        MethodInput {
-            model,
-            set,
-            frames,
-            asked: None,
-            full_step: usize::MAX,
-            step: &|| (),
-        }
+        MethodInput { model, set, frames, asked: None, full_step: usize::MAX, step: &|| () }
     }
 
     /// 0, then at most `count` quantiles of the gate's values; or the requested thresholds.

@@ -39,8 +39,7 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
             embedder.embed(&points, &mut standing)?;
         }
         let at = |threshold: &f64| {
-            let boxes = detections.iter();
-            let boxes = boxes.filter(|d| f64::from(d.softmax_max) >= *threshold);
+            let boxes = detections.iter().filter(|d| f64::from(d.softmax_max) >= *threshold);
             let known = boxes.map(|d| SensorDetection::of_box(d, &classes));
             let mut objects: Vec<SensorDetection> = known.collect();
             if *threshold > 0.0 {
@@ -54,10 +53,7 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
     let frames = (0..input.frames.len()).into_par_iter();
     let objects = frames.map_init(|| GroundGrid::new(height_m), one_frame);
     let objects: Result<Vec<_>> = objects.collect();
-    Ok(GatedObjects {
-        objects: objects?,
-        thresholds,
-    })
+    Ok(GatedObjects { objects: objects?, thresholds })
 }
 
 /// One point per cube of the points above the ground, in the order of their cubes.
@@ -76,8 +72,7 @@ fn standing(ground: &mut GroundGrid, points: &[Point], detections: &[Detection])
         let [x, y, z] = at_m;
         let around = tests.iter().enumerate();
         let around = around.filter(|(_, (test, _))| test.has_point(&[x, y, z, 0.0]));
-        let around = around.map(|(i, (_, p))| (i, *p));
-        let best = around.reduce(|a, b| if b.1 > a.1 { b } else { a });
+        let best = around.map(|(i, (_, p))| (i, *p)).reduce(|a, b| if b.1 > a.1 { b } else { a });
         Standing {
             at_m,
             known: best.map_or(0.0, |(_, p)| p),
@@ -94,14 +89,12 @@ fn unknown(standing: &[Standing], limit: f32, embedder: Option<&Embedder>) -> Ve
     let by_place = || left.iter().map(|s| Some(1.0 - s.known)).collect();
     let scores: Vec<Option<f32>> =
         embedder.map_or_else(by_place, |e| e.unknown(standing, &left, limit));
-    let pairs = left.into_iter().zip(scores);
-    let pairs = pairs.filter_map(|(point, score)| Some((point, score?)));
+    let pairs = left.into_iter().zip(scores).filter_map(|(point, score)| Some((point, score?)));
     let (left, scores): (Vec<&Standing>, Vec<f32>) = pairs.unzip();
     let places: Vec<[f32; 3]> = left.iter().map(|s| s.at_m).collect();
     let embeddings: Vec<&[f32]> = left.iter().map(|s| s.embedding.as_slice()).collect();
     let groups = cluster(&places, &embeddings, POINTS_MIN).into_iter();
-    let objects = groups.filter_map(|group| object(&left, &scores, &group));
-    objects.collect()
+    groups.filter_map(|group| object(&left, &scores, &group)).collect()
 }
 
 /// A tight box around a cluster; its score is the mean score of its points.

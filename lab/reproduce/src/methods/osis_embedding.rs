@@ -38,11 +38,7 @@ impl Embedder<'_> {
             EvaluateError::Input(reason.into())
         })?;
         let backbone = Backbone::new(manifest, &model.weights)?;
-        Ok(Embedder {
-            model,
-            embedding,
-            backbone: Mutex::new(backbone),
-        })
+        Ok(Embedder { model, embedding, backbone: Mutex::new(backbone) })
     }
 
     /// Sets the embedding of every point; removes points outside the map.
@@ -81,8 +77,7 @@ impl Embedder<'_> {
         let of = |point: &&Standing| {
             let p = self.embedding.associate(&point.embedding, &prototypes);
             let (background, unknown) = (p[p.len() - 2], p[p.len() - 1]);
-            let others = p.iter().copied().filter(|v| *v != background);
-            let others = others.fold(0.0, f32::max);
+            let others = p.iter().copied().filter(|v| *v != background).fold(0.0, f32::max);
             (background <= MARGIN * others).then_some(unknown)
         };
         left.iter().map(of).collect()

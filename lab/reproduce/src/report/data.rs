@@ -53,8 +53,7 @@ pub(crate) type Rows = BTreeMap<String, MethodFigures>;
 
 /// The rows of a report, in the order of the tables.
 pub(super) fn present(rows: &Rows) -> impl Iterator<Item = (&'static MethodRow, &MethodFigures)> {
-    let all = METHODS.iter();
-    all.filter_map(|row| Some((row, rows.get(&row.key)?)))
+    METHODS.iter().filter_map(|row| Some((row, rows.get(&row.key)?)))
 }
 
 impl MethodFigures {

@@ -44,12 +44,7 @@ impl DrawnScene {
     fn cell(&self, text: &str, boxes: &[SensorDetection], labels: &[SensorDetection]) -> Cell {
         let around = |at_m: f64| [-0.5, 0.5].map(|side| at_m as f32 + side * SIDE_M);
         let [x_m, y_m] = self.target_m.map(around);
-        let view = View {
-            x_m,
-            y_m,
-            px_per_m: PX_PER_M,
-            ..View::around()
-        };
+        let view = View { x_m, y_m, px_per_m: PX_PER_M, ..View::around() };
         let drawn = |kind: fn(ObjectKind) -> BoxKind| {
             move |object: &SensorDetection| DrawnBox {
                 box_in_sensor: object.box_in_sensor,
@@ -90,8 +85,7 @@ fn page(rows: &[Vec<Cell>]) -> Canvas {
 /// Draws scenes one below another: labels first, then one column per panel.
 pub(crate) fn figure6(scenes: &[DrawnScene]) -> Canvas {
     let row = |scene: &DrawnScene| {
-        let panels = scene.panels.iter();
-        let panels = panels.map(|(title, boxes)| scene.found(title, boxes));
+        let panels = scene.panels.iter().map(|(title, boxes)| scene.found(title, boxes));
         let labels = scene.cell(&format!("{}\nLabels", scene.caption), &scene.truth, &[]);
         [labels].into_iter().chain(panels).collect()
     };
@@ -123,8 +117,7 @@ mod tests {
         // Around the target: the labelled unknown object, red; where a method missed it, its label with thin lines in the colour of its class.
         let count = |left: usize, is_it: fn(Color) -> bool| {
             let pixels = (220..280).flat_map(|y| (left + 180..left + 250).map(move |x| (x, y)));
-            let found = pixels.filter(|(x, y)| canvas.pixel(*x, *y).is_some_and(is_it));
-            found.count()
+            pixels.filter(|(x, y)| canvas.pixel(*x, *y).is_some_and(is_it)).count()
         };
         let reds = [8, 448].map(|left| count(left, |c| c[0] > 200 && c[1] < 110 && c[2] < 110));
         let pinks = [8, 448].map(|left| count(left, |c| c[0] > 200 && c[2] > 150));

@@ -219,11 +219,7 @@ fn scatter(yard: &mut Yard, room: &Room, things: &[(Thing, Builder)], mean: f32,
         let mesh = built(build, dice);
         let along = dice.range(room.along_m[0] + 1.0, room.along_m[1] - 1.0);
         let half = room.half_width_m - 1.0;
-        let across = if dice.chance(0.35) {
-            dice.sign() * half
-        } else {
-            dice.spread(half)
-        };
+        let across = if dice.chance(0.35) { dice.sign() * half } else { dice.spread(half) };
         let yaw = FRAC_PI_2 * dice.whole(0, 3) as f32 + dice.normal(0.0, 0.05);
         yard.put(thing, &mesh, along, across, yaw);
     }

@@ -124,12 +124,7 @@ struct Yard<'a, 'b> {
 
 impl<'a, 'b> Yard<'a, 'b> {
     fn new(layout: &'b mut Layout<'a>, scene: &'b mut Scene) -> Yard<'a, 'b> {
-        Yard {
-            ground: layout.ground,
-            layout,
-            scene,
-            shows: true,
-        }
+        Yard { ground: layout.ground, layout, scene, shows: true }
     }
 
     /// Range of things along the road, m.

@@ -107,11 +107,8 @@ pub(super) fn path(yard: &mut Yard, dice: &mut Dice) {
             yard.put(thing, &mesh, along, across, dice.spread(PI));
         }
     }
-    let at_it: [(Thing, Builder); 3] = [
-        (Thing::Bench, bench),
-        (Thing::Sign, sign),
-        (Thing::Pole, pole),
-    ];
+    let at_it: [(Thing, Builder); 3] =
+        [(Thing::Bench, bench), (Thing::Sign, sign), (Thing::Pole, pole)];
     for (thing, build) in at_it {
         for _ in 0..dice.events(2.0) {
             let mesh = built(build, dice);

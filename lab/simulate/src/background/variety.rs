@@ -84,8 +84,7 @@ fn line(yard: &mut Yard, kind: Thing, across: f32, dice: &mut Dice) {
 
 /// A post, a sign's pole or a bollard near some people: similar to people on sensors with few beams.
 fn posts_near_people(yard: &mut Yard, dice: &mut Dice) {
-    let people = yard.layout.placed.iter();
-    let people = people.filter(|o| o.class == Class::Pedestrian);
+    let people = yard.layout.placed.iter().filter(|o| o.class == Class::Pedestrian);
     let place = |o: &Placed| yard.ground.road(o.footprint.x, o.footprint.y);
     let places: Vec<_> = people.map(place).collect();
     for (along, across) in places {

@@ -31,11 +31,7 @@ struct Underside {
     slopes: [f32; 2],
 }
 
-const UNDERSIDE: Underside = Underside {
-    middle_m: 0.19,
-    from: 0.42,
-    slopes: [0.4; 2],
-};
+const UNDERSIDE: Underside = Underside { middle_m: 0.19, from: 0.42, slopes: [0.4; 2] };
 
 /// A nominal profile: `along`, `heights` and `roof_width`.
 type Style = ([f32; 4], [f32; 4], f32);
@@ -177,14 +173,7 @@ fn lower_body(
         (0.5, nose * 0.68),
     ];
     // Narrower at nose and tail: (fraction of the length, share of the width).
-    let plan = [
-        (0.2, 1.0),
-        (0.34, 0.985),
-        (0.44, 0.94),
-        (0.47, 0.88),
-        (0.487, 0.78),
-        (0.5, 0.5),
-    ];
+    let plan = [(0.2, 1.0), (0.34, 0.985), (0.44, 0.94), (0.47, 0.88), (0.487, 0.78), (0.5, 0.5)];
     let arch = (wheel_radius + 0.06) / size.x;
     let wheels = wheel_positions(size.x).map(|x| x / size.x);
     let mut stations = vec![-0.5, -0.487, -0.47, -0.44, 0.44, 0.47, 0.487, 0.5];
@@ -292,8 +281,7 @@ mod tests {
             // Above any underside, below any window.
             [0.5, 0.52, 0.54].iter().any(|share| {
                 let from = v(car.low.x - 1.0, 0.3, share * car.high.z);
-                let hit = mesh.cast_local_ray(&Ray::new(from, V3::X), 20.0, false);
-                hit.expect("a car") > 1.4
+                mesh.cast_local_ray(&Ray::new(from, V3::X), 20.0, false).expect("a car") > 1.4
             })
         };
         let open: Vec<u64> = (0..400).filter(is_open).collect();

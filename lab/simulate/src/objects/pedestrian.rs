@@ -7,11 +7,7 @@ use crate::{Family, objects::Model, random::Dice};
 pub(super) fn pedestrian(family: Family, dice: &mut Dice) -> Model {
     let is_any = family == Family::SimAny;
     let is_child = dice.chance(if is_any { 0.12 } else { 0.06 });
-    let height = if is_child {
-        dice.range(1.15, 1.45)
-    } else {
-        dice.normal(1.78, 0.085)
-    };
+    let height = if is_child { dice.range(1.15, 1.45) } else { dice.normal(1.78, 0.085) };
     let s = height / 1.76;
     let walks = dice.chance(0.8);
     let [short, long] = if walks { [0.3, 0.66] } else { [0.0, 0.1] };

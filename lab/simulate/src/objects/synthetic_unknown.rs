@@ -55,11 +55,7 @@ fn attempt(family: Family, dice: &mut Dice) -> (Model, bool) {
     let is_any = family == Family::SimAny;
     let has_trucks = family.known_classes().contains(&Class::Truck);
     let is_large = !has_trucks && dice.chance(LARGE_CHANCE);
-    let first = if is_large {
-        Class::Car
-    } else {
-        known_class(family, dice)
-    };
+    let first = if is_large { Class::Car } else { known_class(family, dice) };
     let mut mesh = body(first, family, dice);
     let mut has_vehicle = first.is_vehicle();
     if is_any && !is_large && dice.chance(LIES_CHANCE) {

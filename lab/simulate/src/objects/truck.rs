@@ -129,9 +129,7 @@ fn flatbed(mesh: &mut Mesh, low: V3, high: V3, dice: &mut Dice) {
 fn tank(mesh: &mut Mesh, low: V3, high: V3) {
     let (ry, rz) = (high.y * 0.98, (high.z - low.z) / 2.0);
     let ring = |x: f32, scale: f32| {
-        circle(12, 0.0, |c, s| {
-            v(x, ry * c * scale, low.z + rz + rz * s * scale)
-        })
+        circle(12, 0.0, |c, s| v(x, ry * c * scale, low.z + rz + rz * s * scale))
     };
     let (rear, front) = (low.x + 0.25, high.x - 0.25);
     let ends = [(low.x, 0.75), (rear, 1.0), (front, 1.0), (high.x, 0.75)];

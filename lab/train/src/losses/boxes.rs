@@ -27,11 +27,8 @@ impl Evaluation<'_> {
             let weight = BOX_WEIGHT * p.weight;
             for i in 0..7 {
                 let difference = found[i] - p.codes[i];
-                let (off, inner) = if i == 6 {
-                    (difference.sin(), difference.cos())
-                } else {
-                    (difference, 1.0)
-                };
+                let (off, inner) =
+                    if i == 6 { (difference.sin(), difference.cos()) } else { (difference, 1.0) };
                 let (value, slope) = smooth_l1(off);
                 losses.boxes += f64::from(weight * value);
                 d[i] += weight * slope * inner;

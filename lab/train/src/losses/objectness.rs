@@ -9,11 +9,8 @@ const FOCAL_ALPHA: f32 = 0.25;
 /// Sigmoid focal loss (gamma 2) of one logit, and its derivative.
 pub(super) fn focal(x: f32, positive: bool) -> (f32, f32) {
     // The positive case is the negative one with x -> -x.
-    let (x, sign, alpha) = if positive {
-        (-x, -1.0, FOCAL_ALPHA)
-    } else {
-        (x, 1.0, 1.0 - FOCAL_ALPHA)
-    };
+    let (x, sign, alpha) =
+        if positive { (-x, -1.0, FOCAL_ALPHA) } else { (x, 1.0, 1.0 - FOCAL_ALPHA) };
     let e = (-x.abs()).exp();
     let numerator = if x >= 0.0 { 1.0 } else { e };
     let p = numerator / (1.0 + e);
@@ -51,11 +48,7 @@ impl Presence<'_> {
         let mut sum = 0.0;
         for (a, label) in labels.iter().enumerate() {
             let logit = up1[row1 * anchors + a] + up2[row2 * anchors + a];
-            let (value, slope) = if *label < 0 {
-                (0.0, 0.0)
-            } else {
-                focal(logit, *label == 1)
-            };
+            let (value, slope) = if *label < 0 { (0.0, 0.0) } else { focal(logit, *label == 1) };
             d[a] = weight * slope;
             sum += f64::from(weight * value);
         }

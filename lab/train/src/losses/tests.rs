@@ -7,11 +7,8 @@ use crate::targets::{CellClass, Positive, Targets};
 use crate::testing::{assert_gradient, assert_slope};
 use mluc_geometry::Random;
 
-const SETTINGS: LossSettings = LossSettings {
-    prototype_scale: 1.5,
-    variance_weight: 0.1,
-    push_weight: 0.5,
-};
+const SETTINGS: LossSettings =
+    LossSettings { prototype_scale: 1.5, variance_weight: 0.1, push_weight: 0.5 };
 
 /// A frame of 4 x 4 cells with two anchors: 3 listed rows and the background of up 1, a listed half cell and the
 /// background of up 2. Two cells have an object each; the first of them is `first`.
@@ -20,9 +17,7 @@ fn batch(first: CellClass) -> (MapPlan, BatchTargets) {
     let plan = MapPlan {
         shape: [1, 4, 4],
         up1_row: (0..16).map(|c| c.min(3)).collect(),
-        up2_row: (0..16)
-            .map(|c| 4 * half_row(c) + c / 4 % 2 * 2 + c % 2)
-            .collect(),
+        up2_row: (0..16).map(|c| 4 * half_row(c) + c / 4 % 2 * 2 + c % 2).collect(),
         ..MapPlan::default()
     };
     let positive = |row, anchor, bin| RowPositive {
@@ -32,12 +27,7 @@ fn batch(first: CellClass) -> (MapPlan, BatchTargets) {
         bin,
         weight: 0.5,
     };
-    let class = |row, is, weight| RowClass {
-        row,
-        is,
-        weight,
-        share: 0.5,
-    };
+    let class = |row, is, weight| RowClass { row, is, weight, share: 0.5 };
     let mut targets = BatchTargets {
         labels: vec![0; 32],
         labelled: vec![0, 1],
@@ -119,8 +109,7 @@ fn focal_has_the_published_form() {
 fn half_a_turn_costs_nothing_in_the_box_loss() {
     let known = CellClass::Known(0);
     let mut turned = outputs();
-    let angles = turned.boxes.iter_mut().skip(6).step_by(7);
-    angles.for_each(|a| *a += std::f32::consts::PI);
+    turned.boxes.iter_mut().skip(6).step_by(7).for_each(|a| *a += std::f32::consts::PI);
     let [a, b] = [outputs(), turned].map(|outputs| run(&outputs, known).0.boxes);
     assert!((a - b).abs() < 1e-5);
 }
@@ -160,10 +149,7 @@ fn objectness_equals_the_sum_over_every_cell() {
 
 #[test]
 fn unknown_objects_are_drawn_to_the_centre_and_background_to_where_eds_is_large() {
-    for (first, centre) in [
-        (CellClass::Unknown, 0.75f32),
-        (CellClass::Background, -0.75),
-    ] {
+    for (first, centre) in [(CellClass::Unknown, 0.75f32), (CellClass::Background, -0.75)] {
         let mut outputs = outputs();
         let f = &outputs.embedding;
         let off = (f[0] - centre).powi(2) + (f[1] - centre).powi(2);
@@ -180,17 +166,8 @@ fn unknown_objects_are_drawn_to_the_centre_and_background_to_where_eds_is_large(
 
 #[test]
 fn a_sigmoid_head_learns_one_class_an_anchor() {
-    let positive = Positive {
-        cell: 1,
-        anchor: 2,
-        codes: [0.0; 7],
-        bin: 0,
-    };
-    let targets = Targets {
-        positives: vec![positive],
-        ignored: vec![3],
-        cells: vec![],
-    };
+    let positive = Positive { cell: 1, anchor: 2, codes: [0.0; 7], bin: 0 };
+    let targets = Targets { positives: vec![positive], ignored: vec![3], cells: vec![] };
     // Two cells of four anchors and two classes.
     let batch = BatchTargets::new(&[targets], 2, 4, 2);
     let mut expected = [0; 16];

@@ -65,8 +65,7 @@ pub(crate) fn check_coverage(
     backbone.run_observed(points, Coverage::Everywhere, &mut |_| ());
     let (_, dense) = backbone.last_rows()?;
     assert_eq!(dense.len(), assembled.len());
-    let differences = dense.iter().zip(&assembled).map(|(a, b)| (a - b).abs());
-    let worst = differences.fold(0.0, f32::max);
+    let worst = dense.iter().zip(&assembled).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     let by_tiles = backbone.precision() == Precision::F32;
     assert!(worst <= if by_tiles { 1e-5 } else { 0.0 }, "{worst}");
     let counts = frame.points;

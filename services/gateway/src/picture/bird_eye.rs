@@ -28,8 +28,7 @@ pub fn bird_eye(points: &[[f32; 4]], boxes: &[DrawnBox], view: &View) -> Canvas 
 
 fn draw_rings(canvas: &mut Canvas, view: &View) {
     let center = view.at(0.0, 0.0);
-    let sides = view.x_m.iter().chain(&view.y_m);
-    let furthest = sides.fold(0.0f32, |m, v| m.max(v.abs()));
+    let furthest = view.x_m.iter().chain(&view.y_m).fold(0.0f32, |m, v| m.max(v.abs()));
     let tens = (1..).map(|ten| ten as f32 * 10.0);
     for radius in tens.take_while(|r| *r <= furthest) {
         canvas.ring(center, radius * view.px_per_m, 1.2, RING, 0.8);
@@ -102,8 +101,7 @@ fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, view: &View) {
 /// Bounds of the corners: left, top, right, bottom, px.
 pub(super) fn bounds_px(corners: &[[f32; 2]]) -> [i64; 4] {
     let of = |axis: usize, pick: fn(f32, f32) -> f32| {
-        let values = corners.iter().map(|corner| corner[axis]);
-        values.reduce(pick).unwrap_or(0.0) as i64
+        corners.iter().map(|corner| corner[axis]).reduce(pick).unwrap_or(0.0) as i64
     };
     let (low, high) = (f32::min, f32::max);
     [of(0, low), of(1, low), of(0, high), of(1, high)]
@@ -129,11 +127,7 @@ mod tests {
     use mluc_geometry::Box3;
 
     fn view() -> View {
-        View {
-            x_m: [-10.0, 10.0],
-            y_m: [-10.0, 10.0],
-            ..View::around()
-        }
+        View { x_m: [-10.0, 10.0], y_m: [-10.0, 10.0], ..View::around() }
     }
 
     fn drawn(x_m: f64) -> DrawnBox {

@@ -17,11 +17,7 @@ impl Canvas {
     /// A picture of one colour; its sides are clamped to 1..=8192 px.
     pub fn new(width_px: usize, height_px: usize, background: Color) -> Canvas {
         let (width_px, height_px) = (width_px.clamp(1, 8192), height_px.clamp(1, 8192));
-        Canvas {
-            width_px,
-            height_px,
-            pixels: vec![background; width_px * height_px],
-        }
+        Canvas { width_px, height_px, pixels: vec![background; width_px * height_px] }
     }
 
     /// Width and height, px.
@@ -120,8 +116,7 @@ impl Canvas {
             let delayed = animated.and_then(|()| encoder.set_frame_delay(each_ms, 1000));
             delayed.expect("more than one picture");
         }
-        let writer = encoder.write_header();
-        let mut writer = writer.expect("sides above 0, room in memory");
+        let mut writer = encoder.write_header().expect("sides above 0, room in memory");
         for picture in pictures {
             let written = writer.write_image_data(picture.pixels.as_flattened());
             written.expect("as many pixels as the header says");

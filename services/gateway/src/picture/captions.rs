@@ -12,10 +12,7 @@ pub(super) struct Captions {
 
 impl Captions {
     pub(super) fn among(boxes: Vec<[i64; 4]>, picture_px: [usize; 2]) -> Captions {
-        Captions {
-            size_px: picture_px.map(|v| v as i64),
-            taken: boxes,
-        }
+        Captions { size_px: picture_px.map(|v| v as i64), taken: boxes }
     }
 
     /// Upper left corner, px, of a text of this size for a box with these bounds: the first free place on the right, on the left (both

@@ -43,21 +43,12 @@ pub struct View {
 impl View {
     /// All around the sensor: 70.4 m ahead, 51.2 m in the other directions, 10 px per metre.
     pub fn around() -> View {
-        View {
-            x_m: [-51.2, 70.4],
-            y_m: [-51.2, 51.2],
-            px_per_m: 10.0,
-            title: String::new(),
-        }
+        View { x_m: [-51.2, 70.4], y_m: [-51.2, 51.2], px_per_m: 10.0, title: String::new() }
     }
 
     /// The half in front of the sensor: 70.4 m ahead, 40 m to each side.
     pub fn ahead() -> View {
-        View {
-            x_m: [-2.0, 70.4],
-            y_m: [-40.0, 40.0],
-            ..View::around()
-        }
+        View { x_m: [-2.0, 70.4], y_m: [-40.0, 40.0], ..View::around() }
     }
 
     pub(super) fn at(&self, x_m: f32, y_m: f32) -> [f32; 2] {
@@ -76,14 +67,8 @@ pub(super) const RING: Color = [58, 70, 88];
 pub(super) const CAPTION: Color = [168, 180, 196];
 
 /// Knots of the height ramp: deep blue, teal, green, yellow, red.
-const RAMP: [Color; 6] = [
-    [44, 62, 140],
-    [38, 130, 176],
-    [52, 176, 138],
-    [158, 204, 86],
-    [244, 196, 72],
-    [232, 98, 72],
-];
+const RAMP: [Color; 6] =
+    [[44, 62, 140], [38, 130, 176], [52, 176, 138], [158, 204, 86], [244, 196, 72], [232, 98, 72]];
 
 /// Colour at a position on the ramp, 0..1.
 pub fn ramp(t: f32) -> Color {

@@ -45,10 +45,7 @@ pub fn stage_topic(stage: Stage) -> RosTopic {
         Stage::Backbone => "/mluc/stage/features",
         _ => "/mluc/stage/detections",
     };
-    RosTopic {
-        name,
-        ..topic(include_str!("definitions/stage.topic"))
-    }
+    RosTopic { name, ..topic(include_str!("definitions/stage.topic")) }
 }
 
 /// Offset of the bytes in a message of [`encode_bytes`]: after the CDR header, a layout without dimensions and the number of bytes.
@@ -72,12 +69,7 @@ fn topic(file: &'static str) -> RosTopic {
             field => types.entry(of).or_default().push(field),
         }
     }
-    RosTopic {
-        name,
-        schema,
-        definition,
-        types,
-    }
+    RosTopic { name, schema, definition, types }
 }
 
 impl RosTopic {

@@ -139,9 +139,7 @@ impl Directions {
             let azimuth_deg = direction_rad(sector).to_degrees();
             let is_inside = degrees_off(azimuth_deg, middle_deg) < width_deg / 2.0;
             let is_empty = is_inside && self.is_empty(sector);
-            is_empty
-                .then_some(90.0)
-                .or_else(|| self.own_body_top_deg(sector))
+            is_empty.then_some(90.0).or_else(|| self.own_body_top_deg(sector))
         });
         let mut from_deg = -180.0;
         let alike = below_deg.chunk_by(|a, b| a == b).filter_map(|alike| {

@@ -46,8 +46,7 @@ impl Elevations {
 
     /// Adds the returns of another histogram.
     pub(super) fn add_all(&mut self, other: &Elevations) {
-        let counts = self.counts.iter_mut().zip(&other.counts);
-        counts.for_each(|(own, count)| *own += count);
+        self.counts.iter_mut().zip(&other.counts).for_each(|(own, count)| *own += count);
         self.total += other.total;
     }
 

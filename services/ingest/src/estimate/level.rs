@@ -59,14 +59,9 @@ impl LevelFinder {
         let is_near = |above_m: f64, band_m: f64| above_m.abs() <= band_m;
         let weight = |above_m, band_m| f64::from(is_near(above_m, band_m));
         let plane = start.fitted(tiles.clone(), &BANDS_M, weight, 0.0);
-        let near = tiles.filter(|&tile| is_near(plane.above_m(tile), BANDS_M[3]));
-        let tiles = near.count();
+        let tiles = tiles.filter(|&tile| is_near(plane.above_m(tile), BANDS_M[3])).count();
         let share = tiles as f32 / self.tiles.len() as f32;
-        Some(Level {
-            plane,
-            share,
-            tiles,
-        })
+        Some(Level { plane, share, tiles })
     }
 
     /// The ground of scans whose z should point up. Of a floor and a roof it is the floor. In an upside-down scan the uppermost beams
@@ -110,9 +105,7 @@ mod tests {
         assert_eq!(finder.find([[f32::NAN; 3]].into_iter()), None);
         // A floor below a roof that more beams see.
         let roof = (0..10_000).map(point).map(|[x, y, _]| [x, y, 4.0]);
-        let floor = (0..10_000)
-            .map(point)
-            .filter(|[x, y, _]| x.hypot(*y) > 14.0);
+        let floor = (0..10_000).map(point).filter(|[x, y, _]| x.hypot(*y) > 14.0);
         let level = finder.below(roof.chain(floor)).expect("a plane");
         assert!((level.plane.z_m + 0.8).abs() < 0.1, "{level:?}");
     }

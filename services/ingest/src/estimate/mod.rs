@@ -140,8 +140,7 @@ impl SensorEstimate {
 
     /// Median distance of neighbouring beams, degrees; `None` where they are not clear.
     pub fn spacing_deg(&self) -> Option<f32> {
-        let pairs = self.elevations_deg.windows(2);
-        let gaps_deg = pairs.map(|pair| f64::from(pair[0] - pair[1]));
+        let gaps_deg = self.elevations_deg.windows(2).map(|pair| f64::from(pair[0] - pair[1]));
         let middle = median(&mut gaps_deg.collect::<Vec<_>>())?;
         self.are_beams_clear.then_some(middle)
     }
@@ -243,8 +242,7 @@ impl Estimator {
         if self.peaks.len() < SCANS_MAX {
             self.peaks.push(self.scan_beams_deg.len() as f64);
             let own = level.iter().flat_map(mounting).map(f64::from);
-            let pairs = self.grounds.iter_mut().zip(own);
-            pairs.for_each(|(all, own)| all.push(own));
+            self.grounds.iter_mut().zip(own).for_each(|(all, own)| all.push(own));
         }
         self.look_along_beams(points, scale, level.map_or(NEAR_M, |l| l.z_m().abs()));
         self.estimate.scans += 1;
@@ -332,8 +330,7 @@ impl Estimator {
         let many = many as f32 / estimate.scans.max(1) as f32;
         // A point and its copy are one return.
         let many = many * (1.0 - estimate.duplicate_share);
-        let column = estimate.azimuth_step_deg;
-        let column = column.map_or(0.0, |step| many * step / SECTOR_DEG);
+        let column = estimate.azimuth_step_deg.map_or(0.0, |step| many * step / SECTOR_DEG);
         // Beams whose returns move from scan to scan have peaks in single scans only.
         let of_scans = median(&mut self.peaks).unwrap_or(0.0);
         let (best, whole) = (peaks.max(of_scans), CLEAR_SHARE * column);

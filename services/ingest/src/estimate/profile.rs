@@ -35,9 +35,8 @@ impl SensorEstimate {
         let mean = |from: &[f32], to: &[f32], top_deg: f32| {
             let from = from.iter().filter(|deg| **deg <= top_deg);
             let nearest = |deg: &f32| to.iter().map(|t| (t - deg).abs()).fold(f32::MAX, f32::min);
-            let (sum, count) = from.fold((0.0, 0.0), |(sum, count), deg| {
-                (sum + nearest(deg), count + 1.0)
-            });
+            let (sum, count) =
+                from.fold((0.0, 0.0), |(sum, count), deg| (sum + nearest(deg), count + 1.0));
             (count > 0.0).then(|| sum / count)
         };
         let (own, other) = (&self.elevations_deg, &profile.elevations_deg);
@@ -58,11 +57,7 @@ impl SensorEstimate {
             if !(1.0 / BEAMS_FACTOR..=BEAMS_FACTOR).contains(&ratio) {
                 return None;
             }
-            Some(Nearest {
-                names: vec![name],
-                distance_deg: self.distance_deg(&profile)?,
-                profile,
-            })
+            Some(Nearest { names: vec![name], distance_deg: self.distance_deg(&profile)?, profile })
         });
         for found in measured {
             match &mut best {
@@ -94,9 +89,7 @@ impl SensorEstimate {
         // Beams that see only the sky.
         let is_above =
             |deg: &&f32| **deg > self.elevations_deg.first().map_or(90.0, |top| top + 0.5);
-        let above = product
-            .iter()
-            .flat_map(|p| p.elevations_deg.iter().filter(is_above));
+        let above = product.iter().flat_map(|p| p.elevations_deg.iter().filter(is_above));
         let above: Vec<f32> = above.copied().collect();
         let elevations_deg = if self.are_beams_clear {
             [&above[..], &self.elevations_deg].concat()
@@ -130,9 +123,7 @@ impl SensorEstimate {
                 [p.range_m[0], p.range_m[1].max(longest_m)]
             }),
             range_noise_m: noise_m.unwrap_or(RANGE_NOISE_M).min(0.5),
-            height_m: self
-                .height_m
-                .filter(|height_m| (0.05..=10.0).contains(height_m)),
+            height_m: self.height_m.filter(|height_m| (0.05..=10.0).contains(height_m)),
             pitch_deg: self.pitch_deg.clamp(-30.0, 30.0),
             roll_deg: self.roll_deg.clamp(-30.0, 30.0),
             ..SensorProfile::default()

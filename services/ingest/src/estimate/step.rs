@@ -49,8 +49,7 @@ impl StepVotes {
 
     /// The step, degrees; `None` where too few returns voted.
     pub(super) fn step_deg(&self) -> Option<f32> {
-        let sums = self.votes.windows(3).map(|three| three.iter().sum::<u32>());
-        let sums = sums.enumerate();
+        let sums = self.votes.windows(3).map(|three| three.iter().sum::<u32>()).enumerate();
         let (bin, most) = sums.max_by_key(|&(bin, sum)| (sum, BINS - bin))?;
         let three = [0, 1, 2].map(|i| (bin + i) as f32 + 0.5);
         let weighted: f32 = (0..3).map(|i| three[i] * self.votes[bin + i] as f32).sum();

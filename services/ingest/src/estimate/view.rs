@@ -135,9 +135,7 @@ impl View {
 fn field(sensor: &SensorProfile) -> u64 {
     let [middle_deg, width_deg] = sensor.field_deg.unwrap_or([0.0, 360.0]);
     let units = sensor.units.iter().map(|unit| unit.yaw_deg);
-    let yaws_deg: Vec<f32> = units
-        .chain(sensor.units.is_empty().then_some(0.0))
-        .collect();
+    let yaws_deg: Vec<f32> = units.chain(sensor.units.is_empty().then_some(0.0)).collect();
     let is_inside = |sector: &usize| {
         let center_deg = (*sector as f32 + 0.5) * SECTOR_DEG;
         let off_deg = |yaw_deg| degrees_off(center_deg, middle_deg + yaw_deg);
@@ -146,8 +144,7 @@ fn field(sensor: &SensorProfile) -> u64 {
         };
         yaws_deg.iter().any(is_seen) && !sensor.hides(center_deg)
     };
-    let sectors = (0..Status::SECTORS).filter(is_inside);
-    sectors.map(|sector| 1 << sector).sum()
+    (0..Status::SECTORS).filter(is_inside).map(|sector| 1 << sector).sum()
 }
 
 #[cfg(test)]
@@ -219,22 +216,13 @@ mod tests {
         let mut view = View::new(Some(&ahead));
         assert_eq!(view.expected().count_ones(), 12);
         let mast = SensorProfile {
-            blind: vec![BlindSector {
-                azimuth_deg: [0.0, 20.0],
-                below_deg: 90.0,
-            }],
+            blind: vec![BlindSector { azimuth_deg: [0.0, 20.0], below_deg: 90.0 }],
             ..ahead.clone()
         };
         assert_eq!(View::new(Some(&mast)).expected().count_ones(), 10);
         // The units see 30 to 150 degrees to each side.
-        let unit = |yaw_deg| SensorUnit {
-            yaw_deg,
-            ..SensorUnit::default()
-        };
-        let sides = SensorProfile {
-            units: vec![unit(90.0), unit(-90.0)],
-            ..ahead.clone()
-        };
+        let unit = |yaw_deg| SensorUnit { yaw_deg, ..SensorUnit::default() };
+        let sides = SensorProfile { units: vec![unit(90.0), unit(-90.0)], ..ahead.clone() };
         assert_eq!(View::new(Some(&sides)).expected(), 0xfff << 3 | 0xfff << 21);
         let left = ring(0, 6);
         let right = ((1 << 36) - 1) ^ ((1 << 30) - 1);

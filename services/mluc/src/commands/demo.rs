@@ -32,10 +32,7 @@ pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<Exi
     let own = || format!("demo-{}", std::process::id());
     args.instance.get_or_insert_with(own);
     let settings = Settings::resolve(args.clone())?;
-    let mut shown = Shown {
-        best: None,
-        summary: Summary::default(),
-    };
+    let mut shown = Shown { best: None, summary: Summary::default() };
     let (outcome, dropped) = run(args, settings, shutdown, &mut shown)?;
     let is_read = dropped? == 0;
     // If nobody reads standard output, the text goes to standard error.
@@ -51,10 +48,7 @@ pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<Exi
         say("no frame came out: no picture".into())?;
         return Ok(shown.summary.exit_code(&outcome));
     };
-    let view = View {
-        title: format!("mluc demo, frame {}", best.name),
-        ..View::around()
-    };
+    let view = View { title: format!("mluc demo, frame {}", best.name), ..View::around() };
     let canvas = bird_eye(bytemuck::cast_slice(&best.points), &best.boxes, &view);
     std::fs::write(picture, canvas.png())
         .with_context(|| format!("writing {}", picture.display()))?;
@@ -114,8 +108,7 @@ fn label<'a>(object: &Object, classes: &'a [String]) -> &'a str {
     if is_unknown(object) {
         return "UNKNOWN";
     }
-    let class = classes.get(object.class_id as usize);
-    class.map_or("?", String::as_str)
+    classes.get(object.class_id as usize).map_or("?", String::as_str)
 }
 
 fn describe(object: &Object, classes: &[String]) -> String {

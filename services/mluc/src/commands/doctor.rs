@@ -177,10 +177,7 @@ fn check_rights() -> Finding {
         None => "any".to_string(),
     };
     let text = format!("locked memory (ulimit -l): {memory}");
-    let stage = StageSettings {
-        priority: Some(1),
-        ..StageSettings::default()
-    };
+    let stage = StageSettings { priority: Some(1), ..StageSettings::default() };
     if let Err(error) = stage.check_right("a stage") {
         let hint = "without it other work delays frames";
         return (Warning, format!("{error}; {hint}; {text}"));
@@ -210,8 +207,7 @@ fn check_instances() -> Vec<Finding> {
     let (folders, files): (Vec<_>, Vec<_>) = own.partition(|entry| entry.path().is_dir());
     let names = folders.into_iter().map(|entry| entry.file_name());
     let names: Vec<_> = names.filter_map(|name| name.into_string().ok()).collect();
-    let found = names.iter();
-    let found = found.filter_map(|name| check_instance(name.strip_prefix(&stem)?));
+    let found = names.iter().filter_map(|name| check_instance(name.strip_prefix(&stem)?));
     let mut found: Vec<Finding> = found.collect();
     // A segment is named after its instance.
     let is_lost = |file: &fs::DirEntry| {

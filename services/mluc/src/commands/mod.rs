@@ -53,10 +53,7 @@ pub(crate) fn reload(name: Option<&str>) -> Result<ExitCode> {
         match control.look().answer.clone() {
             (count, ..) if count <= before => {
                 let living = ClaimNote::of_living(&instance, "pipeline").map(|note| note.pid);
-                ensure!(
-                    living == Some(asked),
-                    "the pipeline ended before it answered"
-                );
+                ensure!(living == Some(asked), "the pipeline ended before it answered");
             }
             (_, true, text) => return Err(crate::UsageError(text).into()),
             (_, false, text) => return print_out(text).map(|()| ExitCode::SUCCESS),

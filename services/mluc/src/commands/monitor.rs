@@ -78,8 +78,7 @@ fn serve(mut client: TcpStream, snapshot: &Snapshot) -> io::Result<()> {
 
 /// Code, type and text of a page.
 fn answer(request: &str, snapshot: &Snapshot) -> (&'static str, &'static str, String) {
-    let path = request.strip_prefix("GET ").unwrap_or("");
-    let path = path.split([' ', '?']).next().unwrap_or("");
+    let path = request.strip_prefix("GET ").unwrap_or("").split([' ', '?']).next().unwrap_or("");
     let state = snapshot.state();
     let plain = "text/plain; charset=utf-8";
     let if_so = |is_so: bool| {

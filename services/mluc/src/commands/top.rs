@@ -17,11 +17,7 @@ const CLEAR: &str = "\x1b[2J\x1b[H";
 
 pub(crate) fn top(name: Option<&str>, is_once: bool) -> anyhow::Result<ExitCode> {
     log_to_stderr("top", "warn");
-    let named = if is_once {
-        running(name)
-    } else {
-        Ok(instance(name)?)
-    };
+    let named = if is_once { running(name) } else { Ok(instance(name)?) };
     let mut observer = Observer::open(&named?)?;
     let is_screen = std::io::stdout().is_terminal() && !is_once;
     let clear = if is_screen { CLEAR } else { "" };
@@ -138,11 +134,8 @@ mod tests {
             let hz = ["    10.0", "     0.0"][number as usize];
             let bar = format!("{hz}  {}{}\n", "#".repeat(8), "-".repeat(24));
             assert!(text.contains(&bar), "{text}");
-            let starts = [
-                "mluc demo, state: blind: a cover; newest",
-                "stage",
-                "ingest    -        silent",
-            ];
+            let starts =
+                ["mluc demo, state: blind: a cover; newest", "stage", "ingest    -        silent"];
             for (line, start) in text.lines().zip(starts) {
                 assert!(line.starts_with(start), "{text}");
             }

@@ -14,10 +14,7 @@ pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     let _piped = Piped::take(&mut args.input)?;
     let shutdown = Shutdown::on_signals()?;
     let settings = Settings::resolve(args.clone())?;
-    let mut lines = Lines {
-        has_status: settings.status_lines,
-        summary: Summary::default(),
-    };
+    let mut lines = Lines { has_status: settings.status_lines, summary: Summary::default() };
     let (outcome, dropped) = run(args, settings, shutdown, &mut lines)?;
     print_err(outcome.latencies.table().trim_end());
     print_err(hops(&outcome.status).trim_end());
@@ -32,9 +29,7 @@ pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     ));
     if !outcome.set_aside.is_empty() {
         let (count, names) = (outcome.set_aside.len(), outcome.set_aside.join(", "));
-        print_err(format_args!(
-            "scans set aside, because stages died of them: {count} ({names})"
-        ));
+        print_err(format_args!("scans set aside, because stages died of them: {count} ({names})"));
     }
     let dropped = dropped?;
     if dropped > 0 {

@@ -71,7 +71,6 @@ impl Algorithm for BackboneStage {
     fn write(&mut self, output: &mut [FeatureBlock]) -> Result<(), StageError> {
         let backbone = &self.models.made;
         let (cells, rows) = FeatureRows::split_mut(output, self.rows, backbone.ground_m());
-        let written = backbone.write_rows(cells, rows);
-        written.map_err(StageError::failed)
+        backbone.write_rows(cells, rows).map_err(StageError::failed)
     }
 }

@@ -55,8 +55,7 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
     }
     // This thread belongs to the pool: a thread that enters a pool from outside waits for it to wake up, and sometimes makes it allocate.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(own.threads);
-    let pool = pool.use_current_thread().build_global();
-    pool.context("starting the threads")?;
+    pool.use_current_thread().build_global().context("starting the threads")?;
     let shutdown = Shutdown::on_signals()?;
     let mut shell = Shell::stage(&settings.instance, stage, shutdown)?;
     shell.verify_mapping = settings.verify_mapping;

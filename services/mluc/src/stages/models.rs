@@ -100,6 +100,5 @@ fn load<T: Send>(next: &PinnedModel, make: &Make<T>) -> anyhow::Result<T> {
     let model = Model::read(&next.file)?;
     ensure!(model.fingerprint == next.fingerprint, "the copy is damaged");
     // The threads of the common pool compute the frames.
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-    pool.install(|| make(&model))
+    rayon::ThreadPoolBuilder::new().num_threads(1).build()?.install(|| make(&model))
 }

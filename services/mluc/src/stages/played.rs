@@ -71,12 +71,7 @@ pub(crate) fn parse<O: bytemuck::Pod>(
 
 impl<A: Algorithm> Played<A> {
     fn new(recorded: Option<Recorded>, shard: Option<[u32; 2]>) -> Played<A> {
-        Played {
-            recorded,
-            shard,
-            sequence: None,
-            message: None,
-        }
+        Played { recorded, shard, sequence: None, message: None }
     }
 }
 
@@ -96,9 +91,7 @@ impl<A: Algorithm> Algorithm for Played<A> {
         };
         if self.sequence != Some(header.sequence) {
             let failed = |error: anyhow::Error| StageError::Failed(error.into());
-            let message = recorded
-                .of(place(self.shard, header.sequence))
-                .map_err(failed)?;
+            let message = recorded.of(place(self.shard, header.sequence)).map_err(failed)?;
             let parsed = message.map(|bytes| parse(&bytes, header.model_fingerprint));
             self.message = parsed.transpose().map_err(failed)?;
             self.sequence = Some(header.sequence);

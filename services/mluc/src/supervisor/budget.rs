@@ -151,10 +151,7 @@ mod tests {
 
     #[test]
     fn misses_are_counted_where_a_budget_is_set() {
-        let mut settings = Settings {
-            budget_ms: Some(100),
-            ..Settings::default()
-        };
+        let mut settings = Settings { budget_ms: Some(100), ..Settings::default() };
         settings.stages.head.budget_ms = Some(10);
         let mut budgets = Budgets::new(&settings);
         let mut header = FrameHeader::new(0, "a");

@@ -74,10 +74,7 @@ pub(super) struct Child {
 
 impl Child {
     pub(super) fn new(stage: Stage) -> Child {
-        Child {
-            stage,
-            ..Child::default()
-        }
+        Child { stage, ..Child::default() }
     }
 
     /// Process id; 0 when it does not run.
@@ -269,11 +266,9 @@ impl Child {
         let is_silent = limit_ms > 0 && silent_ns / 1_000_000 > limit_ms;
         let (stage, pid) = (self.stage.name(), heartbeat.pid);
         match (is_silent, self.is_silence_reported) {
-            (true, false) => tracing::error!(
-                stage,
-                pid,
-                "no heartbeat for {limit_ms} ms: it hangs or has ended"
-            ),
+            (true, false) => {
+                tracing::error!(stage, pid, "no heartbeat for {limit_ms} ms: it hangs or has ended")
+            }
             (false, true) => tracing::info!(stage, pid, "heartbeats again"),
             _ => (),
         }
@@ -321,10 +316,7 @@ impl Child {
             self.deaths.len() > CRASH_LOOP_DEATHS && seconds < CRASH_LOOP_TIME.as_secs_f64();
         if self.is_crash_loop {
             let (stage, count) = (self.stage.name(), self.deaths.len());
-            tracing::error!(
-                stage,
-                "crash loop: died by itself {count} times in {seconds:.0} s"
-            );
+            tracing::error!(stage, "crash loop: died by itself {count} times in {seconds:.0} s");
         }
     }
 
@@ -376,9 +368,7 @@ fn is_alive(group: Option<Pid>) -> bool {
 /// How many processes the kernel has killed for lack of memory, of the machine or of a cgroup.
 fn oom_kills() -> u64 {
     let counts = std::fs::read_to_string("/proc/vmstat").unwrap_or_default();
-    let mut counts = counts.lines();
-    let count = counts.find_map(|line| line.strip_prefix("oom_kill ")?.parse().ok());
-    count.unwrap_or(0)
+    counts.lines().find_map(|line| line.strip_prefix("oom_kill ")?.parse().ok()).unwrap_or(0)
 }
 
 /// Whether a signal has stopped the process (state T of the kernel).

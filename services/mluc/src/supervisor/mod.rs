@@ -173,10 +173,7 @@ fn supervise(
     let pinned = PinnedModel::new(&mut settings, &model, 0)?;
     let document = document::publish(&settings)?;
     let Some(run) = begin_or_join_run(&mut shell, &settings, &model)? else {
-        return Ok(Outcome {
-            is_interrupted: true,
-            ..Outcome::default()
-        });
+        return Ok(Outcome { is_interrupted: true, ..Outcome::default() });
     };
     let sensor = settings.sensor.load()?;
     let status = StatusWriter::open(&mut shell, &settings, sensor.as_ref())?;
@@ -252,11 +249,7 @@ fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> 
     }
     let ingest = &settings.stages.ingest;
     let is_elsewhere = settings.reads_ros2();
-    let source = if is_elsewhere {
-        None
-    } else {
-        settings.source(Source::open)?
-    };
+    let source = if is_elsewhere { None } else { settings.source(Source::open)? };
     if source.is_none() && !is_elsewhere && ingest.command.is_none() && !ingest.external {
         let text = "--input is missing: scans (a file or a folder), a capture, a recording, udp:PORT or ros2:/TOPIC (`mluc up --help`)";
         return Err(UsageError(text.to_string()).into());
@@ -467,11 +460,7 @@ impl Supervisor {
             return;
         }
         let (scan, stage) = (source.name(index), stage.name());
-        tracing::error!(
-            scan,
-            stage,
-            "stages died of this scan {kills} times: set aside"
-        );
+        tracing::error!(scan, stage, "stages died of this scan {kills} times: set aside");
         self.outcome.set_aside.push(scan);
         self.tell_stages();
     }

@@ -46,10 +46,7 @@ pub(super) fn end_orphans(instance: &Instance) {
         }
         if begun.elapsed() > ORPHAN_PATIENCE {
             for &pid in &orphans {
-                tracing::warn!(
-                    pid,
-                    "a stage of a supervisor that was killed does not end: killed"
-                );
+                tracing::warn!(pid, "a stage of a supervisor that was killed does not end: killed");
                 let _ = Pid::from_raw(pid as i32).map(|pid| kill_process(pid, Signal::KILL));
             }
         }
@@ -68,8 +65,7 @@ fn orphans(instance: &Instance) -> Vec<u32> {
         let supervisor = variables.find_map(|v| str::from_utf8(v).ok()?.strip_prefix(&mark));
         let supervisor = supervisor.and_then(|supervisor| supervisor.split_once('/'));
         supervisor.is_some_and(|(pid, start)| {
-            let now = pid.parse().ok().and_then(start_of);
-            now.as_deref() != Some(start)
+            pid.parse().ok().and_then(start_of).as_deref() != Some(start)
         })
     };
     pids.filter(is_orphan).collect()

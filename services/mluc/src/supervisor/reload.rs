@@ -77,8 +77,7 @@ impl Supervisor {
             // From now on, frames of both models are valid.
             self.run.other_model_fingerprint = model.fingerprint;
             self.shell.describe_run(&self.run)?;
-            let is_ours = self.shell.run() == Some(&self.run);
-            ensure!(is_ours, "model: another process began the run");
+            ensure!(self.shell.run() == Some(&self.run), "model: another process began the run");
             let number = self.control.answer.0 + 1;
             next = Some(PinnedModel::new(&mut settings, &model, number)?);
         }
@@ -102,13 +101,7 @@ impl Supervisor {
         };
         if let Some(next) = next {
             let begun = Instant::now();
-            self.model_change = Some(ModelChange {
-                next,
-                settings,
-                run,
-                keys,
-                begun,
-            });
+            self.model_change = Some(ModelChange { next, settings, run, keys, begun });
             return Ok(None);
         }
         (self.run, self.settings) = (run, settings);
@@ -137,10 +130,7 @@ impl Supervisor {
             if said.is_empty() && (is_ours || [Stage::Backbone, Stage::Head].contains(&stage)) {
                 let is_early = change.begun.elapsed() < READY_MAX;
                 let hint = "it prepares one only while frames come";
-                ensure!(
-                    is_early,
-                    "model: {name} is not ready after {READY_MAX:?}; {hint}"
-                );
+                ensure!(is_early, "model: {name} is not ready after {READY_MAX:?}; {hint}");
                 self.model_change = Some(change);
                 return Ok(None);
             }

@@ -28,13 +28,8 @@ const SILENCE_NS: u64 = Topic::SILENCE_MAX.as_nanos() as u64;
 /// A scan with a larger share of points that are not finite is unusable. With drivers that write such points, half of a scan is sky.
 const NOT_FINITE_MAX: f32 = 0.9;
 /// Flags of a result of reduced quality; the flags that say why the input is suspect count too.
-const COMPLAINTS: [&str; 5] = [
-    "input_suspect",
-    "damaged_input",
-    "truncated",
-    "points_gone",
-    "degraded",
-];
+const COMPLAINTS: [&str; 5] =
+    ["input_suspect", "damaged_input", "truncated", "points_gone", "degraded"];
 
 type Verdict = (StatusState, String);
 
@@ -384,10 +379,9 @@ impl Facts {
                 "at most 5 % of the points or fewer than 50 are finite and in the model's range";
             return (Blind, why.to_string());
         }
-        for (flag, what) in [
-            (Flags::SUSPECT_UNIT, "another unit"),
-            (Flags::SUSPECT_AXES, "other axes"),
-        ] {
+        for (flag, what) in
+            [(Flags::SUSPECT_UNIT, "another unit"), (Flags::SUSPECT_AXES, "other axes")]
+        {
             if newest.flags.contains(flag) {
                 let why = format!("the scans have {what}: ingest's log says what helps");
                 return (Blind, why);
@@ -446,9 +440,7 @@ fn worst_stage(health: &HealthWatch, now_ns: u64) -> Option<(bool, String)> {
     let words: Vec<_> = words.collect();
     let costs = words.iter().any(|(_, costs, _)| *costs);
     // Of equal ones, the first stage in the order of the frames.
-    let worst = words
-        .into_iter()
-        .min_by_key(|(rank, ..)| std::cmp::Reverse(*rank))?;
+    let worst = words.into_iter().min_by_key(|(rank, ..)| std::cmp::Reverse(*rank))?;
     Some((costs, worst.2))
 }
 
@@ -460,11 +452,8 @@ mod tests {
 
     /// A run with a budget of 200 ms whose newest result, of a scan that arrived at 5 s, took 60 ms.
     fn facts(flags: Flags, period_ms: u64) -> Facts {
-        let mut facts = Facts {
-            budget_ns: Some(200 * MS),
-            expected_sectors: 0xfff,
-            ..Facts::default()
-        };
+        let mut facts =
+            Facts { budget_ns: Some(200 * MS), expected_sectors: 0xfff, ..Facts::default() };
         for number in 0..=3 {
             let mut header = FrameHeader::new(number, "a");
             header.flag(flags);
@@ -481,10 +470,7 @@ mod tests {
 
     #[test]
     fn no_stage_publishes_more_than_the_one_before_or_less_than_came_out() {
-        let counts = |out| StageCounts {
-            out,
-            ..StageCounts::default()
-        };
+        let counts = |out| StageCounts { out, ..StageCounts::default() };
         // The backbone was killed before it had reported 2 frames; in the second case, frames were sent twice.
         assert_eq!(counts([0, 88, 90, 89]).out(100, 88), [100, 90, 90, 89]);
         assert_eq!(counts([0, 12, 12, 12]).out(10, 10), [10; 4]);

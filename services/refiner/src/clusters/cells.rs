@@ -136,8 +136,7 @@ impl Cells {
     }
 
     pub(super) fn count(&self, cells: &[u32]) -> usize {
-        let counts = cells.iter().map(|&cell| self.cells[cell as usize].count);
-        counts.map(|count| count as usize).sum()
+        cells.iter().map(|&cell| self.cells[cell as usize].count as usize).sum()
     }
 
     /// Lowest x, y and highest x, y of many cells' points, m.
@@ -338,10 +337,10 @@ mod tests {
         let mut tiles: BTreeMap<usize, Vec<IndexedPoint>> = BTreeMap::new();
         for (index, &[x, y]) in points.iter().enumerate() {
             let tile = tiles::tile_of([x, y, 0.0]) as usize;
-            tiles.entry(tile).or_default().push(IndexedPoint {
-                at_m: [x, y, 0.0],
-                index: index as u32,
-            });
+            tiles
+                .entry(tile)
+                .or_default()
+                .push(IndexedPoint { at_m: [x, y, 0.0], index: index as u32 });
         }
         tiles
     }

@@ -65,10 +65,7 @@ pub(super) struct Divider {
 
 impl Divider {
     pub(super) fn new(settings: &Settings) -> Divider {
-        Divider {
-            settings: settings.clone(),
-            ..Divider::default()
-        }
+        Divider { settings: settings.clone(), ..Divider::default() }
     }
 
     /// The pieces of the last frame, pieces with most points first.
@@ -116,8 +113,7 @@ impl Divider {
         let points_min = self.settings.points_min;
         self.done.retain(|piece| piece.points >= points_min);
         self.done.sort_unstable_by(|a, b| {
-            let places = a.extent_m.partial_cmp(&b.extent_m);
-            let by_place = places.unwrap_or(std::cmp::Ordering::Equal);
+            let by_place = a.extent_m.partial_cmp(&b.extent_m).unwrap_or(std::cmp::Ordering::Equal);
             b.points.cmp(&a.points).then(by_place)
         });
     }
@@ -251,10 +247,7 @@ impl Divider {
             let here = slice(self.order[first as usize]);
             let own = &self.order[first as usize..piece.end as usize];
             let end = first + own.partition_point(|&cell| slice(cell) == here) as u32;
-            self.done.push(Piece {
-                is_cut: count > 1.0,
-                ..piece.with(first, end)
-            });
+            self.done.push(Piece { is_cut: count > 1.0, ..piece.with(first, end) });
             first = end;
         }
     }

@@ -77,12 +77,7 @@ impl Matcher {
             let place = &mut self.place[cluster as usize];
             if *place == NO_CLUSTER {
                 *place = self.near.len() as u32;
-                self.near.push(Near {
-                    cluster,
-                    flat,
-                    full: f64::INFINITY,
-                    inside: 0,
-                });
+                self.near.push(Near { cluster, flat, full: f64::INFINITY, inside: 0 });
             }
             let near = &mut self.near[*place as usize];
             near.flat = near.flat.min(flat);

@@ -75,10 +75,7 @@ impl Measurer {
                 steps_rad[1] = (first - last) / (beams.elevation_rad.len() as f32 - 1.0);
             }
         }
-        Measurer {
-            steps_rad,
-            is_given: sensor.beams.is_some(),
-        }
+        Measurer { steps_rad, is_given: sensor.beams.is_some() }
     }
 
     /// Estimates the step between the beams of a scan, with the columns of an HDL-64E: only the product of both steps counts.
@@ -178,11 +175,8 @@ fn sums(points: &ClusterPoints) -> ([i64; 3], [i64; 6]) {
     let mut sum = [0i64; 3];
     let mut products = [0i64; 6];
     // Operations that the compiler can vectorize: adding 1.5 x 2^23 moves a whole number, up to 4 km, into the low bits. Products have 64 bits.
-    let whole = |v: f32| {
-        ((v * PER_M).trunc() + 12_582_912.0)
-            .to_bits()
-            .wrapping_sub(0x4B40_0000) as i32
-    };
+    let whole =
+        |v: f32| ((v * PER_M).trunc() + 12_582_912.0).to_bits().wrapping_sub(0x4B40_0000) as i32;
     let base = points.z_m.first().map_or(0, |&z| whole(z));
     for ((&x, &y), &z) in points.x_m.iter().zip(&points.y_m).zip(&points.z_m) {
         let [x, y, z] = [whole(x), whole(y), whole(z).wrapping_sub(base)].map(i64::from);
@@ -242,8 +236,7 @@ mod tests {
         let wall = measured(&grid(1, 30, 30));
         assert!(wall.planarity > 0.95 && wall.residual_m < 0.01, "{wall:?}");
         let block = measured(&grid(10, 10, 10));
-        let is_block = block.scattering > 0.95 && block.residual_m > 0.1;
-        assert!(is_block, "{block:?}");
+        assert!(block.scattering > 0.95 && block.residual_m > 0.1, "{block:?}");
         assert_eq!(measured(&started()).points, 0);
     }
 

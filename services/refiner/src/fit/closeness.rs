@@ -136,11 +136,8 @@ mod tests {
         let (sin, cos) = yaw_rad.sin_cos();
         let mut points = ClusterPoints::default();
         for i in 0..=80 {
-            let (u, v) = if i <= 40 {
-                (f64::from(i) * 0.1, 0.0)
-            } else {
-                (0.0, f64::from(i - 40) * 0.05)
-            };
+            let (u, v) =
+                if i <= 40 { (f64::from(i) * 0.1, 0.0) } else { (0.0, f64::from(i - 40) * 0.05) };
             points.push((u * cos - v * sin) as f32, (u * sin + v * cos) as f32, 0.0);
         }
         points

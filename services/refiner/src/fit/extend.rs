@@ -111,12 +111,10 @@ fn top_width_m(r: &Rectangle, points: &ClusterPoints, z_m: [f64; 2], axis: usize
     let (sin, cos) = (r.yaw_rad.sin() as f32, r.yaw_rad.cos() as f32);
     let direction = [[cos, sin], [-sin, cos]][axis];
     let from_m = (z_m[1] - (z_m[1] - z_m[0]) / 3.0) as f32;
-    let columns = points.x_m.iter().zip(&points.y_m).zip(&points.z_m);
-    let upper = columns.filter(|&(_, &z)| z >= from_m);
+    let upper = points.x_m.iter().zip(&points.y_m).zip(&points.z_m).filter(|&(_, &z)| z >= from_m);
     let places = upper.map(|((x, y), _)| x * direction[0] + y * direction[1]);
-    let ends = places.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], t| {
-        [low.min(t), high.max(t)]
-    });
+    let ends =
+        places.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], t| [low.min(t), high.max(t)]);
     f64::from(ends[1] - ends[0])
 }
 
@@ -145,11 +143,7 @@ mod tests {
     use super::*;
     use mluc_geometry::ground::GROUND_NODES;
 
-    const EXTEND: Extend = Extend {
-        to_ground: true,
-        completes: true,
-        top_rad: None,
-    };
+    const EXTEND: Extend = Extend { to_ground: true, completes: true, top_rad: None };
 
     /// The box around points at these places, m, `x_m` away from the sensor and on ground 1.7 m below it.
     fn box_around(extend: &Extend, x_m: f64, places: impl Iterator<Item = [f32; 3]>) -> Box3 {
@@ -157,8 +151,7 @@ mod tests {
         places.for_each(|[x, y, z]| points.push(x, y, z));
         points.origin_m = [x_m, 0.0];
         let ground_m = [-1.7; GROUND_NODES];
-        let found = extend.box_around(&points, &points.rectangle(0.0), &ground_m);
-        found.expect("there are points")
+        extend.box_around(&points, &points.rectangle(0.0), &ground_m).expect("there are points")
     }
 
     /// A face across the line of sight, of this width and height, from 0.3 m above the ground on.
@@ -196,10 +189,7 @@ mod tests {
 
     #[test]
     fn a_truck_seen_up_to_the_topmost_beam_goes_on_above_it() {
-        let extend = Extend {
-            top_rad: Some(0.03),
-            ..EXTEND
-        };
+        let extend = Extend { top_rad: Some(0.03), ..EXTEND };
         // 2.4 m at a distance of 20 m is above the last beam; lower ends and things too short for a truck are seen whole.
         for (length_m, top_m, expected_m) in [(8.0, 2.4, 3.2), (8.0, 2.0, 2.0), (1.0, 2.4, 2.4)] {
             let found = box_around(&extend, 20.0, face(length_m, top_m));

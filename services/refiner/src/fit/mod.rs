@@ -137,10 +137,7 @@ impl ClusterPoints {
     /// The tight rectangle whose first axis points to `yaw_rad`.
     pub fn rectangle(&self, yaw_rad: f64) -> Rectangle {
         let (sin, cos) = (yaw_rad.sin() as f32, yaw_rad.cos() as f32);
-        Rectangle {
-            yaw_rad,
-            sides_m: self.spans_m([cos, sin]).map(|span| span.map(f64::from)),
-        }
+        Rectangle { yaw_rad, sides_m: self.spans_m([cos, sin]).map(|span| span.map(f64::from)) }
     }
 }
 

@@ -33,8 +33,7 @@ impl Buckets {
         self.cells.resize(self.side * self.side, [0; 2]);
         self.cell_of.clear();
         for (i, (&x, &y)) in x_m.iter().zip(y_m).enumerate() {
-            let cell = keep(i).then(|| self.cell_at(x, y) as u32);
-            let cell = cell.unwrap_or(NO_CELL);
+            let cell = if keep(i) { self.cell_at(x, y) as u32 } else { NO_CELL };
             if let Some([_, count]) = self.cells.get_mut(cell as usize) {
                 *count += 1;
             }
@@ -115,8 +114,7 @@ mod tests {
             assert!(found.iter().all(|p| p % 7 != 0));
             assert!((0..300).all(|j| !near(i, j) || j % 7 == 0 || found.contains(&(j as u32))));
         }
-        let before = taken(1, |p| p % 2 == 0);
-        let odd: Vec<u32> = before.into_iter().filter(|p| p % 2 == 1).collect();
+        let odd: Vec<u32> = taken(1, |p| p % 2 == 0).into_iter().filter(|p| p % 2 == 1).collect();
         assert_eq!(taken(1, |_| true), odd);
         assert!(taken(1, |_| true).is_empty());
     }

@@ -86,8 +86,7 @@ impl Neighbourhood {
         fill(&mut self.z_m, picked, |p| p.at_m[2]);
         fill(&mut self.height_m, picked, |p| height(p.at_m));
         fill(&mut self.index, picked, |p| p.index);
-        let seed_at = self.index.iter().position(|&index| index == seed.index);
-        seed_at.unwrap_or(0)
+        self.index.iter().position(|&index| index == seed.index).unwrap_or(0)
     }
 }
 
@@ -135,8 +134,7 @@ mod tests {
     #[test]
     fn thinning_keeps_about_the_limit_and_the_seed_and_ignores_the_order() {
         let places = (0..60_000).map(|i| [(i % 200) as f32 * 0.01, (i / 200) as f32 * 0.006]);
-        let points = places.map(|[x, y]| point([9.0 + x, 1.0 + y, -1.0]));
-        let mut scan: Vec<Point> = points.collect();
+        let mut scan: Vec<Point> = places.map(|[x, y]| point([9.0 + x, 1.0 + y, -1.0])).collect();
         let set = |around: &Neighbourhood| {
             let columns = around.x_m.iter().zip(&around.y_m);
             let mut bits: Vec<_> = columns.map(|(x, y)| [x.to_bits(), y.to_bits()]).collect();

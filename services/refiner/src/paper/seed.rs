@@ -58,10 +58,8 @@ impl Seek<'_> {
     ) -> Option<IndexedPoint> {
         let center = [self.candidate.center_m[0], self.candidate.center_m[1]];
         for factor in [1.0, ENLARGED] {
-            let enlarged = Box3 {
-                size_m: self.candidate.size_m.map(|s| s * factor),
-                ..*self.candidate
-            };
+            let enlarged =
+                Box3 { size_m: self.candidate.size_m.map(|s| s * factor), ..*self.candidate };
             let inside = Inside::of(&enlarged, 0.0);
             found.clear();
             for row in self.frame.rows_around(center, reach_m(self.candidate)) {

@@ -48,13 +48,11 @@ fn has_no_coordinates(start: &[u8]) -> bool {
 pub(crate) fn has_negative_intensities(start: &[u8], columns: usize) -> bool {
     let numbers = numbers(start);
     let points = || numbers.chunks_exact(columns);
-    let negative = points().filter(|point| point[3] < 0.0);
-    negative.count() * 100 > points().len()
+    points().filter(|point| point[3] < 0.0).count() * 100 > points().len()
 }
 
 fn numbers(bytes: &[u8]) -> Vec<f32> {
-    let numbers = bytes.as_chunks::<4>().0.iter();
-    numbers.map(|v| f32::from_le_bytes(*v)).collect()
+    bytes.as_chunks::<4>().0.iter().map(|v| f32::from_le_bytes(*v)).collect()
 }
 
 /// Whether the fifth number of 100 or more points is a ring. `columns`: numbers per point. If four columns have whole numbers there (missing returns), the first is whole too.

@@ -96,20 +96,14 @@ impl PointCloud2<'_> {
                 SourceError::field(format!("{what} of field {name}"), expected, found)
             };
             // INT8, UINT8, INT16, UINT16, INT32, UINT32, FLOAT32, FLOAT64, INT64, UINT64, BOOLEAN are 1 to 11.
-            let bytes = [0, 1, 1, 2, 2, 4, 4, 4, 8, 8, 8, 1];
-            let bytes = bytes.get(datatype).unwrap_or(&0);
+            let bytes = [0, 1, 1, 2, 2, 4, 4, 4, 8, 8, 8, 1].get(datatype).unwrap_or(&0);
             let kind = Kind::new([7, 8].contains(&datatype), datatype % 2 == 1, *bytes);
             let kind = kind.ok_or_else(|| fault("datatype", "1 to 11", datatype))?;
             if start.saturating_add(*bytes) > stride {
                 let expected = format!("{bytes} bytes within {stride}");
                 return Err(fault("offset", &expected, start));
             }
-            table.columns.push(Column {
-                name,
-                kind,
-                start,
-                stride,
-            });
+            table.columns.push(Column { name, kind, start, stride });
         }
         Ok(table)
     }
@@ -131,12 +125,7 @@ impl<'a> Reader<'a> {
         let is_cdr = kind == Cloud::Ros2;
         let is_big_endian = is_cdr && head[1] & 1 == 0;
         let align = if is_cdr { 4 } else { 1 };
-        Some(Reader {
-            all,
-            at: 0,
-            align,
-            is_big_endian,
-        })
+        Some(Reader { all, at: 0, align, is_big_endian })
     }
 
     fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
@@ -177,11 +166,7 @@ impl<'a> Reader<'a> {
 
     fn cloud(mut self) -> Option<PointCloud2<'a>> {
         let (stamp_ns, frame) = self.header()?;
-        let mut cloud = PointCloud2 {
-            stamp_ns,
-            frame,
-            ..PointCloud2::default()
-        };
+        let mut cloud = PointCloud2 { stamp_ns, frame, ..PointCloud2::default() };
         (cloud.height, cloud.width) = (self.number()?, self.number()?);
         for _ in 0..self.number()? {
             let field = (self.text()?, self.number()?, self.bytes(1)?[0].into());
@@ -282,11 +267,7 @@ mod tests {
                 ..PointCloud2::default()
             };
             let table = cloud.table().unwrap();
-            assert_eq!(
-                table.value(&table.columns[0], 0),
-                Some(expected),
-                "{datatype}"
-            );
+            assert_eq!(table.value(&table.columns[0], 0), Some(expected), "{datatype}");
         }
     }
 }

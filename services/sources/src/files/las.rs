@@ -55,7 +55,6 @@ pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> 
 
 /// An unsigned number of `count` bytes; 0 beyond the end.
 fn number(bytes: &[u8], at: usize, count: usize) -> usize {
-    let found = bytes.get(at..).and_then(|rest| rest.get(..count));
-    let found = found.unwrap_or_default().iter().rev();
+    let found = bytes.get(at..).and_then(|rest| rest.get(..count)).unwrap_or_default().iter().rev();
     found.fold(0, |all, byte| all << 8 | usize::from(*byte))
 }

@@ -62,10 +62,7 @@ impl Layout {
     /// Checks that every value is in its range. Errors: key, expected and found.
     pub fn check(&self) -> Result<(), SourceError> {
         self.signed_axes()?;
-        for (key, value) in [
-            ("scale", self.scale),
-            ("intensity_scale", self.intensity_scale),
-        ] {
+        for (key, value) in [("scale", self.scale), ("intensity_scale", self.intensity_scale)] {
             if !(1e-9..=1e9).contains(&value) {
                 return refused(key, "1e-9 to 1e9", value);
             }
@@ -79,9 +76,7 @@ impl Layout {
             return refused("origin", "three finite numbers", found);
         }
         let is_missing = |axis: &&str| {
-            let columns = self.columns.iter();
-            let named = columns.filter(|name| name.eq_ignore_ascii_case(axis));
-            named.count() != 1
+            self.columns.iter().filter(|name| name.eq_ignore_ascii_case(axis)).count() != 1
         };
         let missing = ["x", "y", "z"].into_iter().find(is_missing);
         match missing {
@@ -106,8 +101,7 @@ impl Layout {
     /// For forward, left, up: the index of the file's coordinate, and its sign.
     fn signed_axes(&self) -> Result<[(usize, f64); 3], SourceError> {
         let axis = |word: &str| {
-            let bare = word.strip_prefix('-');
-            let (sign, name) = bare.map_or((1.0, word), |name| (-1.0, name));
+            let (sign, name) = word.strip_prefix('-').map_or((1.0, word), |name| (-1.0, name));
             let place = ["x", "y", "z"].iter().position(|axis| *axis == name)?;
             Some((place, sign))
         };

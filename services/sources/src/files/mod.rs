@@ -51,9 +51,7 @@ impl Format {
     /// Finds the format by a file's name; `None`: the ending is unknown.
     pub fn of(path: &Path) -> Option<Format> {
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
-        let mut endings = Format::ENDINGS.iter();
-        let found = endings.find(|(ending, _)| name.ends_with(ending));
-        found.map(|(_, format)| *format)
+        Format::ENDINGS.iter().find(|(ending, _)| name.ends_with(ending)).map(|(_, format)| *format)
     }
 
     /// Converts a file to KITTI's layout: x, y, z (m), intensity, four little-endian f32 per point; also to times if `layout` requests them. Axes are the
@@ -86,10 +84,7 @@ impl Format {
         scan.bytes = Vec::with_capacity(table.rows.min(POINTS_MAX) * 16);
         let is_short = layout.write(&table, scan)?;
         // In files of the other formats something else may follow the points. Older PCL writes zeros after them.
-        let end = |last: &Column| {
-            last.start
-                .saturating_add(last.stride.saturating_mul(table.rows))
-        };
+        let end = |last: &Column| last.start.saturating_add(last.stride.saturating_mul(table.rows));
         let last = table.columns.last();
         let rest = last.and_then(|last| table.data.get(end(last)..));
         let is_long =

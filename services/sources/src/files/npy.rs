@@ -10,8 +10,7 @@ const FIELD_NUMBERS_MAX: usize = 1 << 20;
 
 pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> {
     let fault = |found: &str| SourceError::field("header", "that of a NumPy array", found);
-    let rest = file.strip_prefix(MAGIC);
-    let rest = rest.ok_or_else(|| fault("another file"))?;
+    let rest = file.strip_prefix(MAGIC).ok_or_else(|| fault("another file"))?;
     let (header, data) = header(rest).ok_or_else(|| fault("its end"))?;
     let (descr, shape) = (value(header, "descr"), value(header, "shape"));
     let (Some(descr), Some(shape)) = (descr, shape) else {
@@ -75,8 +74,7 @@ fn value<'a>(header: &'a str, key: &str) -> Option<&'a str> {
 }
 
 fn numbers(text: &str) -> Vec<usize> {
-    let words = text.split(|c: char| !c.is_ascii_digit());
-    words.filter_map(|word| word.parse().ok()).collect()
+    text.split(|c: char| !c.is_ascii_digit()).filter_map(|word| word.parse().ok()).collect()
 }
 
 /// Parses a type such as `<f4`.
@@ -86,8 +84,7 @@ fn kind(text: &str) -> Result<Kind, SourceError> {
     let bytes = bytes.parse().unwrap_or(0);
     let kind = matches!(letter, "f" | "i" | "u" | "b")
         .then(|| Kind::new(letter == "f", letter == "i", bytes));
-    kind.flatten()
-        .ok_or_else(|| SourceError::field("descr", "f4, f8, or an integer", text))
+    kind.flatten().ok_or_else(|| SourceError::field("descr", "f4, f8, or an integer", text))
 }
 
 /// Parses fields such as `[('x', '<f4'), ('normal', '<f4', (3,)), ('', '|V4')]`; the last field here is padding.

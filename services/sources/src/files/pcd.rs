@@ -141,12 +141,9 @@ pub(super) mod tests {
         let packed = [1, b'a', b'b', 7 << 5, 0, 1];
         let found = unpack_lzf(&packed, 11);
         assert_eq!(found.as_deref(), Some(&b"abababababa"[..]));
-        for (packed, length) in [
-            (&packed[..], 12),
-            (&packed[..5], 11),
-            (&[31, 0][..], 32),
-            (&[32, 5][..], 3),
-        ] {
+        for (packed, length) in
+            [(&packed[..], 12), (&packed[..5], 11), (&[31, 0][..], 32), (&[32, 5][..], 3)]
+        {
             assert_eq!(unpack_lzf(packed, length), None);
         }
     }

@@ -82,21 +82,11 @@ impl Table {
         let stride = fields.iter().map(bytes).sum();
         let mut start = 0;
         let columns = fields.iter().map(|(name, kind, count)| {
-            let column = Column {
-                name: name.clone(),
-                kind: *kind,
-                start,
-                stride,
-            };
+            let column = Column { name: name.clone(), kind: *kind, start, stride };
             start += kind.bytes() * count;
             column
         });
-        Table {
-            columns: columns.collect(),
-            data,
-            rows,
-            is_big_endian: false,
-        }
+        Table { columns: columns.collect(), data, rows, is_big_endian: false }
     }
 
     /// A table of numbers that are text, one row with all `fields` per line. Empty lines and an incomplete last line are skipped.
@@ -108,8 +98,7 @@ impl Table {
         let text = String::from_utf8_lossy(text);
         let count: usize = fields.iter().map(|(_, _, count)| count).sum();
         let mut data = Vec::with_capacity(text.len());
-        let lines = text.split_inclusive('\n');
-        let lines = lines.filter(|line| !line.trim().is_empty());
+        let lines = text.split_inclusive('\n').filter(|line| !line.trim().is_empty());
         for (number, line) in lines.take(rows).enumerate() {
             let words = line.split_whitespace();
             let values: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();

@@ -1,15 +1,11 @@
 use super::Format::{Bin, Las, Npy, NuScenes, Pcd, Ply};
 use super::*;
 
-const POINTS: [[f32; 4]; 3] = [
-    [1.0, 2.0, 3.0, 0.5],
-    [-4.0, 5.5, -6.0, 0.25],
-    [7.0, -8.0, 9.0, 1.0],
-];
+const POINTS: [[f32; 4]; 3] =
+    [[1.0, 2.0, 3.0, 0.5], [-4.0, 5.5, -6.0, 0.25], [7.0, -8.0, 9.0, 1.0]];
 
 fn bytes<const N: usize>(points: &[[f32; N]]) -> Vec<u8> {
-    let numbers = points.as_flattened().iter();
-    numbers.flat_map(|v| v.to_le_bytes()).collect()
+    points.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
 fn converted(kind: Format, layout: &Layout, file: Vec<u8>) -> Result<(Vec<u8>, bool), SourceError> {
@@ -71,18 +67,14 @@ fn compressed() -> Vec<u8> {
     for (start, bytes) in [(0, 4), (4, 2), (6, 8), (14, 4), (18, 1)] {
         columns.extend((0..3).flat_map(|i| rows[i * 19 + start..][..bytes].to_vec()));
     }
-    let runs = columns.chunks(32);
-    let runs = runs.flat_map(|run| [&[run.len() as u8 - 1], run].concat());
+    let runs = columns.chunks(32).flat_map(|run| [&[run.len() as u8 - 1], run].concat());
     let packed: Vec<u8> = runs.collect();
     let sizes = [packed.len() as u32, columns.len() as u32].map(u32::to_le_bytes);
     [sizes.as_flattened(), &packed].concat()
 }
 
 fn quarter() -> Layout {
-    Layout {
-        intensity_scale: 0.25,
-        ..Layout::default()
-    }
+    Layout { intensity_scale: 0.25, ..Layout::default() }
 }
 
 #[test]
@@ -96,10 +88,7 @@ fn the_same_points_come_from_every_format() {
     let columns: Vec<u8> = columns.collect();
     let five = POINTS.map(|[x, y, z, i]| [x, y, z, i * 255.0, 3.0]);
     let names = ["ring", "z", "time", "y", "intensity", "x"];
-    let six = Layout {
-        columns: names.map(String::from).to_vec(),
-        ..Layout::default()
-    };
+    let six = Layout { columns: names.map(String::from).to_vec(), ..Layout::default() };
     let turned = POINTS.map(|[x, y, z, i]| [3.0, z, 0.0, y, i, x]);
     let plain = Layout::default;
     let boolean = String::from_utf8(pcd("ascii", text().as_bytes())).unwrap();
@@ -153,13 +142,9 @@ fn a_cut_file_gives_its_whole_points_and_says_so() {
 
 #[test]
 fn files_that_do_not_fit_are_named() {
-    for (sizes, is_fine) in [
-        (&[60, 80][..], false),
-        (&[48, 61], true),
-        (&[61], true),
-        (&[0], true),
-        (&[72], false),
-    ] {
+    for (sizes, is_fine) in
+        [(&[60, 80][..], false), (&[48, 61], true), (&[61], true), (&[0], true), (&[72], false)]
+    {
         assert_eq!(check_columns(sizes, &[]).is_ok(), is_fine, "{sizes:?}");
     }
     // Sizes that fit four columns and five: points with a ring, without one, and none but missing returns.
@@ -175,13 +160,8 @@ fn files_that_do_not_fit_are_named() {
     assert_eq!(are_fine, [false, true]);
     // And those of seven and eight numbers, the fifth a ring.
     let seven = (0..400u16).map(|i| [1.5, -2.0, -1.5, 9.0, f32::from(i % 32), 0.1, -0.5]);
-    let eight = seven
-        .clone()
-        .map(|v| [v[0], v[1], v[2], v[3], v[4], v[5], 0.5, 0.25]);
-    let starts = [
-        bytes(&seven.collect::<Vec<_>>()),
-        bytes(&eight.collect::<Vec<_>>()),
-    ];
+    let eight = seven.clone().map(|v| [v[0], v[1], v[2], v[3], v[4], v[5], 0.5, 0.25]);
+    let starts = [bytes(&seven.collect::<Vec<_>>()), bytes(&eight.collect::<Vec<_>>())];
     let are_fine = starts.map(|start| check_columns(&[start.len() as u64], &start).is_ok());
     assert_eq!(are_fine, [false, false]);
     let changed = |from: &str, to: &str| {
@@ -211,10 +191,7 @@ fn files_that_do_not_fit_are_named() {
 
 #[test]
 fn axes_that_mirror_are_found() {
-    for (axes, mirrors) in [
-        ("x,y,z y,-x,z x,-y,-z", false),
-        ("x,y,-z y,x,z -x,y,z", true),
-    ] {
+    for (axes, mirrors) in [("x,y,z y,-x,z x,-y,-z", false), ("x,y,-z y,x,z -x,y,z", true)] {
         for axes in axes.split(' ').map(String::from) {
             let layout = Layout { axes, ..quarter() };
             assert_eq!(layout.mirrors(), mirrors, "{}", layout.axes);
@@ -234,10 +211,7 @@ fn whole_numbers_of_text_are_nanoseconds() {
 
 /// A file that laspy wrote (`tests/las/make.py`), of a sensor at `x_m`: its numbers, and whether it is cut.
 fn las(file: &[u8], x_m: f64) -> Result<(Vec<f32>, bool), String> {
-    let layout = Layout {
-        origin: [x_m, 5_400_000.0, 100.0],
-        ..Layout::default()
-    };
+    let layout = Layout { origin: [x_m, 5_400_000.0, 100.0], ..Layout::default() };
     let found = converted(Las, &layout, file.to_vec());
     let (bytes, is_cut) = found.map_err(|error| error.to_string())?;
     let numbers = bytes.as_chunks::<4>().0.iter();

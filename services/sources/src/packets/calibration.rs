@@ -127,8 +127,7 @@ fn channels(text: &str) -> Result<Vec<[f32; 2]>, SourceError> {
         if fields.len() < 3 || fields.iter().all(|field| field.is_empty()) {
             continue;
         }
-        let numbers = fields.iter().filter_map(|field| field.parse().ok());
-        let numbers: Vec<f32> = numbers.collect();
+        let numbers: Vec<f32> = fields.iter().filter_map(|field| field.parse().ok()).collect();
         match numbers[..] {
             [id, elevation_deg, azimuth_deg]
                 if id == channels.len() as f32 + 1.0

@@ -82,8 +82,7 @@ impl Hesai {
             None => {
                 let offsets_deg = profile.azimuth_offsets_deg.iter().copied();
                 let offsets_deg = offsets_deg.chain(std::iter::repeat(0.0));
-                let elevations_deg = profile.elevations_deg.iter().copied();
-                let angles = elevations_deg.zip(offsets_deg);
+                let angles = profile.elevations_deg.iter().copied().zip(offsets_deg);
                 angles.map(<[f32; 2]>::from).collect()
             }
             Some(Calibration::Hesai(own)) if own.len() == layout.channels => own.clone(),

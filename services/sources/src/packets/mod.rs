@@ -122,10 +122,7 @@ pub struct Detector<'a> {
 impl<'a> Detector<'a> {
     /// A detector for the sensor of this calibration.
     pub fn new(calibration: Option<&'a Calibration>) -> Detector<'a> {
-        Detector {
-            calibration,
-            lengths: Vec::new(),
-        }
+        Detector { calibration, lengths: Vec::new() }
     }
 
     /// The decoder for a datagram, if a known sensor sent it. All datagrams from the same address to the same port are that sensor's. Fails where the
@@ -154,8 +151,7 @@ impl<'a> Detector<'a> {
     /// The error for the case that no datagram was from a known sensor.
     pub fn not_found(&self) -> SourceError {
         let any = "a Velodyne or Hesai sensor's (an Ouster's need its metadata as calibration)";
-        let given = self.calibration.map(Calibration::describe);
-        let expected = given.unwrap_or_else(|| any.into());
+        let expected = self.calibration.map(Calibration::describe).unwrap_or_else(|| any.into());
         let found = match self.lengths[..] {
             [] => "no datagram".to_string(),
             _ => format!("datagrams of {:?} bytes", self.lengths),
@@ -213,11 +209,9 @@ impl Decoder {
 
 /// Reads a little-endian number of a packet whose length was checked. A number beyond the end reads as 0.
 fn u16_at(bytes: &[u8], at: usize) -> u16 {
-    let found = bytes.get(at..).and_then(<[u8]>::first_chunk);
-    found.map_or(0, |b| u16::from_le_bytes(*b))
+    bytes.get(at..).and_then(<[u8]>::first_chunk).map_or(0, |b| u16::from_le_bytes(*b))
 }
 
 fn u32_at(bytes: &[u8], at: usize) -> u32 {
-    let found = bytes.get(at..).and_then(<[u8]>::first_chunk);
-    found.map_or(0, |b| u32::from_le_bytes(*b))
+    bytes.get(at..).and_then(<[u8]>::first_chunk).map_or(0, |b| u32::from_le_bytes(*b))
 }

@@ -96,8 +96,7 @@ impl Fields {
     fn out_mm(&self) -> f32 {
         let line = self.prod_line.as_deref().unwrap_or_default();
         let known = [("OS-0", 27.67), ("OS-1", 15.806), ("OS-2", 13.762)];
-        let found = known.iter().find(|(name, _)| line.starts_with(name));
-        found.map_or(12.163, |(_, out_mm)| *out_mm)
+        known.iter().find(|(name, _)| line.starts_with(name)).map_or(12.163, |(_, out_mm)| *out_mm)
     }
 
     /// Rows, columns, columns per packet.
@@ -132,16 +131,13 @@ impl Metadata {
             return refused("calibration: udp_profile_lidar", known.join(", "), name);
         };
         let [rows, columns, columns_per_packet] = fields.shape()?;
-        let (origin, origin_mm) = match (
-            fields.beam_to_lidar_transform,
-            fields.lidar_origin_to_beam_origin_mm,
-        ) {
-            (Some(matrix), _) => ("beam_to_lidar_transform", [matrix[3], matrix[11]]),
-            (None, Some(out_mm)) => ("lidar_origin_to_beam_origin_mm", [out_mm, 0.0]),
-            (None, None) => ("lidar_origin_to_beam_origin_mm", [fields.out_mm(), 0.0]),
-        };
-        let angles = fields.beam_altitude_angles.iter();
-        let angles = angles.zip(&fields.beam_azimuth_angles);
+        let (origin, origin_mm) =
+            match (fields.beam_to_lidar_transform, fields.lidar_origin_to_beam_origin_mm) {
+                (Some(matrix), _) => ("beam_to_lidar_transform", [matrix[3], matrix[11]]),
+                (None, Some(out_mm)) => ("lidar_origin_to_beam_origin_mm", [out_mm, 0.0]),
+                (None, None) => ("lidar_origin_to_beam_origin_mm", [fields.out_mm(), 0.0]),
+            };
+        let angles = fields.beam_altitude_angles.iter().zip(&fields.beam_azimuth_angles);
         let mut sensor_from_lidar = fields.lidar_to_sensor_transform;
         for (name, numbers) in [
             ("beam_altitude_angles", &fields.beam_altitude_angles[..]),
@@ -202,8 +198,7 @@ impl Metadata {
 
     fn columns_of<'a>(&self, payload: &'a [u8]) -> impl Iterator<Item = &'a [u8]> {
         let bytes = payload.get(self.profile.header..).unwrap_or_default();
-        let columns = bytes.chunks_exact(self.column_bytes());
-        columns.take(self.columns_per_packet)
+        bytes.chunks_exact(self.column_bytes()).take(self.columns_per_packet)
     }
 
     /// Calls `each` for every pixel of a packet's valid columns, column by column. Does nothing if it is not this sensor's packet.
@@ -248,14 +243,7 @@ impl Metadata {
                 }
                 _ => ([word(0) & 0x7_FFFF, 0], [pixel[4], 0]),
             };
-            each(&Shot {
-                frame,
-                column,
-                row: row as u16,
-                ranges_mm,
-                reflectivities,
-                stamp_ns,
-            });
+            each(&Shot { frame, column, row: row as u16, ranges_mm, reflectivities, stamp_ns });
         }
     }
 

@@ -101,8 +101,7 @@ impl Sweep {
         stamp_ns: u64,
         on: &mut dyn FnMut(&Revolution),
     ) {
-        let last = self.last_azimuth_cdeg.replace(azimuth_cdeg);
-        let last = last.unwrap_or(azimuth_cdeg);
+        let last = self.last_azimuth_cdeg.replace(azimuth_cdeg).unwrap_or(azimuth_cdeg);
         let passes_zero =
             last > azimuth_cdeg + BACK_CDEG || azimuth_cdeg > last.saturating_add(18_000);
         let age_ns = stamp_ns.abs_diff(self.revolution.stamp_ns);
@@ -163,12 +162,7 @@ impl Sweep {
             return;
         }
         let [x_m, y_m, z_m] = xyz_m;
-        revolution.points.push(Point {
-            x_m,
-            y_m,
-            z_m,
-            intensity: f32::from(reflectivity) / 255.0,
-        });
+        revolution.points.push(Point { x_m, y_m, z_m, intensity: f32::from(reflectivity) / 255.0 });
         let offset_ns = stamp_ns.saturating_sub(revolution.stamp_ns);
         // Bounded by `TURN_MAX_NS` and a packet's length.
         revolution.offsets_ns.push(offset_ns as u32);

@@ -69,8 +69,7 @@ fn metadata(profile: &str) -> String {
 impl Kind {
     /// The n-th packet since azimuth 0. Of two returns the last is `FAR`, the strongest `NEAR`.
     fn packet(&self, n: u32, ns: u64) -> Vec<u8> {
-        let numbers = self.packet[1..].iter().map(|n| n.parse().unwrap());
-        let numbers: Vec<usize> = numbers.collect();
+        let numbers: Vec<usize> = self.packet[1..].iter().map(|n| n.parse().unwrap()).collect();
         match (&self.packet[0][..], &numbers[..]) {
             ("velodyne", &[product, alike, step, mode, last_bank]) => {
                 velodyne([product, alike, step, mode, last_bank], n, ns)
@@ -87,8 +86,7 @@ impl Kind {
         let text = self.calibration.as_ref();
         let calibration = text.map(|text| Calibration::parse(text).unwrap());
         let packet = self.packet(0, HOUR_NS);
-        let mut detector = Detector::new(calibration.as_ref());
-        let found = detector.look(&datagram(0, &packet)).unwrap();
+        let found = Detector::new(calibration.as_ref()).look(&datagram(0, &packet)).unwrap();
         found.expect(&self.product)
     }
 }
@@ -204,10 +202,7 @@ fn every_family_gives_revolutions_with_times_and_counts_what_is_lost() {
         let told = scans.iter().map(|s| (s.is_partial, s.packets_lost));
         let expected = [(true, 0), (false, 2), (false, 1), (true, 0)];
         assert_eq!(told.collect::<Vec<_>>(), expected, "{product}");
-        for (scan, packets) in [
-            (&scans[1], kind.per_turn - 2),
-            (&scans[2], kind.per_turn - 1),
-        ] {
+        for (scan, packets) in [(&scans[1], kind.per_turn - 2), (&scans[2], kind.per_turn - 1)] {
             let points = packets as usize * kind.points_per_packet;
             assert_eq!(scan.points.len(), points, "{product}");
             check_points(&kind, scan);
@@ -289,27 +284,18 @@ fn dual_vls_128(n: u32, ns: u64) -> Vec<u8> {
 #[test]
 fn every_firing_of_a_vls_128_turns_on() {
     let all = kinds();
-    let kind = all.iter().find(|kind| kind.calibration == Some(yaml(128)));
-    let kind = kind.expect("a VLS-128");
+    let kind = all.iter().find(|kind| kind.calibration == Some(yaml(128))).expect("a VLS-128");
     for is_dual in [false, true] {
         let (mut decoder, mut offs) = (kind.decoder(), vec![]);
         let mut keep = |scan: &Revolution| {
             let points = 0..scan.points.len();
-            offs.push(
-                points
-                    .map(|i| azimuth_off(kind, scan, i))
-                    .collect::<Vec<_>>(),
-            );
+            offs.push(points.map(|i| azimuth_off(kind, scan, i)).collect::<Vec<_>>());
         };
         let firings = if is_dual { 1 } else { 3 };
         // A packet is lost.
         for n in (0..3 * 1800 / firings).filter(|n| *n != 900) {
             let ns = HOUR_NS + u64::from(n * firings) * 53_300;
-            let packet = if is_dual {
-                dual_vls_128(n, ns)
-            } else {
-                kind.packet(n, ns)
-            };
+            let packet = if is_dual { dual_vls_128(n, ns) } else { kind.packet(n, ns) };
             decoder.push(&datagram(ns, &packet), &mut keep);
         }
         // A firing takes some 0.2 degrees.
@@ -368,10 +354,7 @@ fn a_sector_that_is_left_out_within_packets_gives_whole_turns() {
         }
         let whole = ((0..900).filter(is_seen).count() * 32, 0);
         let are_whole = found[4..].iter().all(|turn| *turn == whole);
-        assert!(
-            are_whole && found.len() > 25,
-            "{from_deg} {whole:?} {found:?}"
-        );
+        assert!(are_whole && found.len() > 25, "{from_deg} {whole:?} {found:?}");
     }
 }
 
@@ -452,11 +435,7 @@ fn a_calibration_that_cannot_be_is_an_error_with_its_place() {
     // A named format, a checksum, and metadata of old firmware are fine.
     let named = csv(40).replacen("Laser", "EEFF,1\nLaser", 1) + "0123abcd\n";
     let old = legacy.replace("_mm\"", "\"");
-    assert!(
-        [named, old]
-            .iter()
-            .all(|text| Calibration::parse(text).is_ok())
-    );
+    assert!([named, old].iter().all(|text| Calibration::parse(text).is_ok()));
     let cases = [
         (String::new(), formats),
         ("lasers: 5".into(), "YAML: expected a list `lasers`"),

@@ -63,8 +63,7 @@ fn frames(session: &mut Session) -> Outcome {
     player.next += 1;
     player.send_scan(&points)?;
     player.send(&gone)?;
-    let taken = session.await_line(&gone);
-    taken.context("a frame without its points")?;
+    session.await_line(&gone).context("a frame without its points")?;
     session.ask()?;
     Ok(format!("{FRAMES} taken, and one without its points"))
 }
@@ -91,9 +90,7 @@ fn overload(session: &mut Session) -> Outcome {
     );
     ensure!(slowest < SEND_MAX, "the pipeline waited {slowest:?} for it");
     session.ask()?;
-    Ok(format!(
-        "{taken} of {HELD} taken, the newest too; handing over took {slowest:?} at most"
-    ))
+    Ok(format!("{taken} of {HELD} taken, the newest too; handing over took {slowest:?} at most"))
 }
 
 /// Sends a frame, then a sound one, which must be taken; returns the line of the first frame.
@@ -102,8 +99,7 @@ fn line_of(session: &mut Session, what: &str, frame: &Frame) -> anyhow::Result<O
     session.player()?.send(frame)?;
     std::thread::sleep(TAKEN);
     // Each line is read as JSON, which has no NaN.
-    let sound = session.ask();
-    sound.with_context(|| format!("the sound frame after: {what}"))?;
+    session.ask().with_context(|| format!("the sound frame after: {what}"))?;
     let mut lines = session.lines()?.into_iter().skip(before);
     Ok(lines.find(|line| line["sequence"] == sequence))
 }
@@ -129,9 +125,7 @@ fn hostile_headers(session: &mut Session) -> Outcome {
         ensure!(line.is_none(), "{what}: it was used");
     }
     let count = spoils.len();
-    Ok(format!(
-        "{count} not used, the sound frame after each was taken"
-    ))
+    Ok(format!("{count} not used, the sound frame after each was taken"))
 }
 
 /// Whether a line passes on spoiled data: all published objects although one was spoiled, or points although the indices were spoiled.
@@ -222,8 +216,7 @@ fn new_pipeline(session: &mut Session) -> Outcome {
 fn places(session: &mut Session) -> Outcome {
     for kill in 1..=KILLS {
         session.tested.stop();
-        let ready = Suite::ready(session);
-        ready.with_context(|| format!("after kill -9 number {kill}"))?;
+        Suite::ready(session).with_context(|| format!("after kill -9 number {kill}"))?;
     }
     Ok(format!("killed {KILLS} times, back each time"))
 }

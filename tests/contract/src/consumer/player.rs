@@ -26,8 +26,7 @@ impl Frame {
     pub(super) fn published_points(&self) -> Vec<u64> {
         let published = self.objects.iter().filter(|o| o.is_published());
         let has_points = u64::from(self.points.is_some());
-        let counts = published.map(|o| has_points * u64::from(o.points_count));
-        counts.collect()
+        published.map(|o| has_points * u64::from(o.points_count)).collect()
     }
 }
 
@@ -64,10 +63,7 @@ pub(crate) struct Player {
 impl Player {
     pub(super) fn new(instance: &Instance, options: &Options) -> anyhow::Result<Player> {
         let mut shell = Shell::observer(instance, Some("suite"), options.shutdown.clone())?;
-        let objects = Topic {
-            elements_max: TOO_MANY_OBJECTS,
-            ..Topic::OBJECTS
-        };
+        let objects = Topic { elements_max: TOO_MANY_OBJECTS, ..Topic::OBJECTS };
         let mut player = Player {
             points: shell.output(&Topic::POINTS, POINTS_MAX)?,
             objects: shell.output(&objects, TOO_MANY_OBJECTS)?,

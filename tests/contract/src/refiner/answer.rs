@@ -78,10 +78,8 @@ pub(crate) fn check_objects(frame: &Frame, answer: &Answer) -> anyhow::Result<()
     );
     for (index, (detection, object)) in frame.detections.iter().zip(&answer.objects).enumerate() {
         // A candidate becomes an unknown object; both have the same number.
-        let pairs = [
-            ("kind", detection.kind, object.kind),
-            ("class", detection.class_id, object.class_id),
-        ];
+        let pairs =
+            [("kind", detection.kind, object.kind), ("class", detection.class_id, object.class_id)];
         for (what, expected, found) in pairs {
             ensure!(
                 expected == found,

@@ -65,10 +65,7 @@ impl Player {
     pub(crate) fn new(instance: &Instance, options: &Options) -> anyhow::Result<Player> {
         let shutdown = options.shutdown.clone();
         let mut shell = Shell::observer(instance, Some("refiner-test"), shutdown)?;
-        let wide = |topic: Topic, elements_max: usize| Topic {
-            elements_max,
-            ..topic
-        };
+        let wide = |topic: Topic, elements_max: usize| Topic { elements_max, ..topic };
         let points = wide(Topic::POINTS, TOO_MANY_POINTS);
         let detections = wide(Topic::DETECTIONS, TOO_MANY_DETECTIONS);
         let mut player = Player {
@@ -106,12 +103,7 @@ impl Player {
         header.model_fingerprint = self.run.model_fingerprint;
         header.ego.position_m = [sequence as f64, 2.0, 3.0];
         header.ego.is_known = 1;
-        Frame {
-            points_header: Some(header),
-            header,
-            points,
-            detections,
-        }
+        Frame { points_header: Some(header), header, points, detections }
     }
 
     /// The next frame, with the scene of most cases.

@@ -12,16 +12,8 @@ pub(crate) struct Thing {
     pub(crate) size_m: [f32; 3],
 }
 
-pub(crate) const CART: Thing = Thing {
-    x_m: 12.0,
-    y_m: 1.0,
-    size_m: [2.6, 1.25, 1.85],
-};
-pub(crate) const CAR: Thing = Thing {
-    x_m: 18.0,
-    y_m: -6.0,
-    size_m: [4.2, 1.8, 1.5],
-};
+pub(crate) const CART: Thing = Thing { x_m: 12.0, y_m: 1.0, size_m: [2.6, 1.25, 1.85] };
+pub(crate) const CAR: Thing = Thing { x_m: 18.0, y_m: -6.0, size_m: [4.2, 1.8, 1.5] };
 
 impl Thing {
     fn center_m(&self) -> [f32; 3] {

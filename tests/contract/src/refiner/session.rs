@@ -62,8 +62,7 @@ impl Session {
             }
             Ok(found)
         });
-        let heard = player.health_since(0)?;
-        let heard = heard.map_or("none".to_string(), |health| describe(&health));
+        let heard = player.health_since(0)?.map_or("none".to_string(), |health| describe(&health));
         found.map_err(|error| anyhow!("{error:#} (health: {heard})"))
     }
 
@@ -113,8 +112,7 @@ impl Session {
 
     /// Like `ask_usual`, after something else was sent; an error names it.
     pub(crate) fn ask_after(&mut self, what: &str) -> anyhow::Result<()> {
-        let asked = self.ask_usual();
-        asked.with_context(|| format!("the sound frame after: {what}"))?;
+        self.ask_usual().with_context(|| format!("the sound frame after: {what}"))?;
         Ok(())
     }
 

@@ -95,8 +95,7 @@ fn new_run(session: &mut Session) -> Outcome {
             break scan;
         }
         passed += 1;
-        let is_patient = begun.elapsed() < session.tested.options.patience;
-        ensure!(is_patient, "scans of the run before go on");
+        ensure!(begun.elapsed() < session.tested.options.patience, "scans of the run before go on");
     };
     first.check(&session.player.run, 0)?;
     session.checked_many(1, SCANS)?;

@@ -27,10 +27,7 @@ impl Scan {
         header.checked_in(run, sequence..sequence + 1)?;
         Point::checked(header, points)?;
         let bad = points.iter().position(|point| !point.is_finite());
-        ensure!(
-            bad.is_none(),
-            "points: expected finite numbers, found others in point {bad:?}"
-        );
+        ensure!(bad.is_none(), "points: expected finite numbers, found others in point {bad:?}");
         let (kept, left_out) = (points.len() as u64, header.points_dropped);
         let (expected, found) = (kept + u64::from(left_out), u64::from(header.points_in));
         ensure!(
@@ -44,13 +41,9 @@ impl Scan {
             "points_dropped is {left_out}, flags not_finite or truncated: {is_told}"
         );
         let (is_empty, is_said) = (points.is_empty(), has(Flags::EMPTY));
-        ensure!(
-            is_empty == is_said,
-            "without points: {is_empty}, flag empty: {is_said}"
-        );
+        ensure!(is_empty == is_said, "without points: {is_empty}, flag empty: {is_said}");
         let name = header.name();
-        let is_named = !["", "?"].contains(&name);
-        ensure!(is_named, "name: expected text, found '{name}'");
+        ensure!(!["", "?"].contains(&name), "name: expected text, found '{name}'");
         let own = header.stages[Stage::Ingest as usize];
         let stamps = [1, own.received_ns, own.started_ns, own.published_ns];
         ensure!(
@@ -64,10 +57,7 @@ impl Scan {
 
 /// The heartbeats of a stage.
 fn beats(shell: &mut Shell, name: &'static str) -> Result<Output<Health>, RuntimeError> {
-    let topic = Topic {
-        name,
-        ..Topic::HEALTH
-    };
+    let topic = Topic { name, ..Topic::HEALTH };
     shell.output(&topic, 1)
 }
 

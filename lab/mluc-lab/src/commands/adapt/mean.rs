@@ -5,8 +5,7 @@ use mluc_model::{CLUSTER_SCORER, Model};
 /// Moves a trained network half the way back to the network that the training began with: weights and anchors. The cluster scorer stays the trained one.
 /// Returns false, and changes nothing, if the two have other classes or layers.
 pub(super) fn move_half_way(trained: &mut Model, first: &Model) -> bool {
-    let own = trained.weights.iter();
-    let own = own.filter(|(name, _)| *name != CLUSTER_SCORER);
+    let own = trained.weights.iter().filter(|(name, _)| *name != CLUSTER_SCORER);
     let means = own.map(|(name, tensor)| {
         let other = first.weights.get(name, &tensor.shape).ok()?;
         let mean = tensor.data.iter().zip(other).map(|(a, b)| (a + b) / 2.0);
@@ -47,10 +46,7 @@ mod tests {
         };
         assert!(move_half_way(&mut trained, &first));
         let moved = [0, 1].map(|i| value(&trained)[i] - value(&first)[i]);
-        assert!(
-            (moved[0] - 1.0).abs() + (moved[1] - 0.5).abs() < 1e-5,
-            "{moved:?}"
-        );
+        assert!((moved[0] - 1.0).abs() + (moved[1] - 0.5).abs() < 1e-5, "{moved:?}");
         trained.manifest.classes.swap(0, 1);
         let before = trained.clone();
         assert!(!move_half_way(&mut trained, &first));

@@ -134,8 +134,7 @@ impl Plan {
         export_with_progress(&request.export(Split::Train, scans, train_folder.clone()))?;
         let simulate_s = start.elapsed().as_secs_f64() / f64::from(scans);
         let files = std::fs::read_dir(train_folder.join("velodyne"))?;
-        let files = files.flatten();
-        let bytes: u64 = files.filter_map(|f| Some(f.metadata().ok()?.len())).sum();
+        let bytes: u64 = files.flatten().filter_map(|f| Some(f.metadata().ok()?.len())).sum();
         // In addition the instance of every point, 2 bytes for 16.
         let scan_bytes = bytes / u64::from(scans) * 9 / 8;
         let mut settings = request.settings(&folder.join("scans"), &folder.join("run"), out);
@@ -224,8 +223,7 @@ mod tests {
             };
             let mut plan = Plan::fitted(request, [simulate_s, train_s, 30.0], 1_000_000);
             let all: f64 = plan.minutes().iter().sum();
-            let is_filled = all <= 60.0 * hours && all > 57.0 * hours;
-            assert!(is_filled, "{all} min: {plan:?}");
+            assert!(all <= 60.0 * hours && all > 57.0 * hours, "{all} min: {plan:?}");
             plan.request.sensor.field_deg = Some([0.0, 120.0]);
             assert_eq!(plan.request.scans(SCANS_MIN), 36.0);
             plan.request.hours = 1000.0;

@@ -24,18 +24,14 @@ impl Figures {
             let (labels, iou_min) = (class.main().truth_count, class.rule.iou_min);
             (name.to_owned(), labels, iou_min, percent)
         };
-        let known = judgement.closed.known();
-        let known = known.map(|c| row(&c.rule.name, c, c.main().ap.all));
+        let known = judgement.closed.known().map(|c| row(&c.rule.name, c, c.main().ap.all));
         let mut rows: Vec<Row> = known.collect();
         if let Some(class) = judgement.gated.unknown() {
             let main = class.main();
             rows.push(row("unknown, AP", class, main.ap.all));
             rows.push(row("unknown, recall", class, main.recall_percent));
         }
-        Figures {
-            fingerprint: model.fingerprint,
-            rows,
-        }
+        Figures { fingerprint: model.fingerprint, rows }
     }
 }
 

@@ -38,9 +38,7 @@ fn warn_unrecognized<'a>(labels: impl Iterator<Item = &'a Label>, rules: &[Class
 }
 
 fn warn_unlabelled(option: &str, class: &str) {
-    print_err(format_args!(
-        "warning: --{option} {class}: no label is of this class; misspelt?"
-    ));
+    print_err(format_args!("warning: --{option} {class}: no label is of this class; misspelt?"));
 }
 
 /// The classes given with --unknown; `unseen` means the labelled ones of the simulator's unseen classes. A class without labels gives a warning;

@@ -75,8 +75,7 @@ impl Outcome {
         values["separation"] = render(include_str!("separation.txt"), scores).into();
         let choice = self.choice.as_ref();
         values["choice"] = json!(choice.map(|choice| (choice.threshold, &choice.reason)));
-        let profiles = self.profiles.iter();
-        let written = profiles.flat_map(|chosen| chosen.profiles.named());
+        let written = self.profiles.iter().flat_map(|chosen| chosen.profiles.named());
         values["written"] = written.map(|named| json!(named)).collect();
         if let Some(sweep) = &self.sweep {
             let best = ModelGate::of(&self.model).best_index(sweep);

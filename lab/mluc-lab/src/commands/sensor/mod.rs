@@ -64,9 +64,7 @@ fn show(profile: &SensorProfile, picture: Option<&Path>) -> Result<()> {
     let cars = picture::CARS_M.iter().zip(picture::rings_on_cars(profile));
     let cars: Vec<String> = cars.map(|(m, rings)| format!("{rings} at {m} m")).collect();
     print_out(format_args!("rings on a car: {}", cars.join(", ")))?;
-    picture.map_or(Ok(()), |path| {
-        write_out(path, &picture::of_profile(profile).png())
-    })
+    picture.map_or(Ok(()), |path| write_out(path, &picture::of_profile(profile).png()))
 }
 
 fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
@@ -91,8 +89,7 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
             print_err(format_args!("warning: {path}: scan {name} {what}"));
             continue;
         }
-        let points = bin_points(&scan.bytes).filter(Point::is_finite);
-        let points: Vec<Point> = points.collect();
+        let points: Vec<Point> = bin_points(&scan.bytes).filter(Point::is_finite).collect();
         let not_finite = scan.bytes.len() / POINT_BYTES - points.len();
         estimator.look(&points, not_finite as u32);
         if scans.len() < NOISE_SCANS {
@@ -102,10 +99,7 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> Result<()> {
     let found = estimator.estimate().clone();
     let (path, seen) = (input.display(), found.scans);
     let silence = source.silence().unwrap_or_default();
-    ensure!(
-        found.beams > 0,
-        "{path}: no beams found in {seen} scans. {silence}"
-    );
+    ensure!(found.beams > 0, "{path}: no beams found in {seen} scans. {silence}");
     if seen < 3 {
         print_err(format_args!(
             "warning: {path}: {seen} scans, and blind sectors are found in three or more"
@@ -218,10 +212,7 @@ mod tests {
         assert!((noise_m - 0.03).abs() < 0.005, "{noise_m}");
         let height_m = profile.height_m.expect("a ground");
         assert!((height_m - 0.4).abs() < 0.05, "{height_m}");
-        let own_body = BlindSector {
-            azimuth_deg: [90.0, 20.0],
-            below_deg: 5.0,
-        };
+        let own_body = BlindSector { azimuth_deg: [90.0, 20.0], below_deg: 5.0 };
         assert_eq!(profile.blind, [own_body]);
         let picture = std::fs::read(picture).expect("a picture");
         assert!(picture.starts_with(b"\x89PNG"));
@@ -235,8 +226,7 @@ mod tests {
             assert!(docs.join(format!("{name}.png")).is_file(), "{name}");
             let profile = SensorProfile::load(name).expect(name);
             assert!(!profile.source.is_empty(), "{name}");
-            let mut rows = page.lines();
-            let row = rows.find(|row| row.contains(&format!("({name}.png)")));
+            let row = page.lines().find(|row| row.contains(&format!("({name}.png)")));
             let [top_deg, bottom_deg] = profile.vertical_field_deg();
             let field = format!("| {top_deg:.1} to {bottom_deg:.1} |");
             assert!(row.expect(name).contains(&field), "{name}: {field}");

@@ -49,8 +49,7 @@ impl Plot {
             if (TOP..=TOP + HEIGHT).contains(&y) {
                 let ends = [[LEFT, y], [RIGHT, y]];
                 plot.canvas.line(ends[0], ends[1], 1.0, TEXT, 0.2);
-                plot.canvas
-                    .text([14, y as i64 - 7], &deg.to_string(), 2, TEXT);
+                plot.canvas.text([14, y as i64 - 7], &deg.to_string(), 2, TEXT);
             }
         }
         for (line, (text, color)) in titles.iter().enumerate() {
@@ -141,9 +140,7 @@ pub(super) fn rings_on_cars(profile: &SensorProfile) -> [usize; 5] {
         let beams = units * beams.filter(reach).count();
         let share_of_turn = (CAR_WIDTH_M / away_m).atan() / TAU;
         let crossings = |wave: Wave| 2.0 * wave.a_turn * share_of_turn * beams as f32;
-        profile
-            .wave
-            .map_or(beams, |wave| crossings(wave).round() as usize)
+        profile.wave.map_or(beams, |wave| crossings(wave).round() as usize)
     })
 }
 
@@ -175,8 +172,7 @@ pub(super) fn of_profile(profile: &SensorProfile) -> Canvas {
         let size = Canvas::text_size_px(&text, 2);
         let below = [x as i64, low + 6];
         let corner = [below[0] + size[0], below[1] + size[1]];
-        plot.canvas
-            .rectangle(below.map(|v| v - 3), corner.map(|v| v + 3), GROUND, 0.9);
+        plot.canvas.rectangle(below.map(|v| v - 3), corner.map(|v| v + 3), GROUND, 0.9);
         plot.canvas.text(below, &text, 2, OTHER);
     }
     plot.canvas

@@ -62,10 +62,7 @@ pub(super) fn findings(
     let idle = idle_options(input, layout).into_iter();
     findings.extend(idle.map(|option| (Warning, format!("{option} has no effect on this input"))));
     if !damaged.is_empty() {
-        let text = format!(
-            "scans that are empty, cut short or unreadable: {}",
-            damaged.join(", ")
-        );
+        let text = format!("scans that are empty, cut short or unreadable: {}", damaged.join(", "));
         findings.push((Warning, text));
     }
     if sees_nothing {

@@ -90,8 +90,7 @@ impl Sender<'_> {
         let mut said = String::new();
         while !self.shell.is_stopping() {
             self.watch.update()?;
-            let missing = BEHIND.into_iter();
-            let missing = missing.filter(|stage| !self.watch.is_ready(*stage));
+            let missing = BEHIND.into_iter().filter(|stage| !self.watch.is_ready(*stage));
             let missing: Vec<_> = missing.map(Stage::name).collect();
             if missing.is_empty() {
                 self.suspicion.tell(self.shell)?;
@@ -140,8 +139,7 @@ impl Sender<'_> {
         loaded.is_set_aside = is_set_aside;
         loaded.report = inspect_bin(&loaded.scan.bytes);
         loaded.scan.flags = loaded.scan.flags.with(loaded.report.flags());
-        let missing = self.source.missing();
-        missing.clone_into(&mut self.suspicion.missing);
+        self.source.missing().clone_into(&mut self.suspicion.missing);
         self.shell.health.frames_in += u64::from(is_new) + loaded.scan.missed;
         self.shell.health.frames_dropped += loaded.scan.missed;
         // Before its first scan the run waits for the stages.
@@ -211,8 +209,7 @@ impl Sender<'_> {
         let run = self.shell.run().context("the run")?;
         (header.run_id, header.model_fingerprint) = (run.run_id, run.model_fingerprint);
         let last_run = self.run_id.replace(run.run_id);
-        let is_same = last_run.is_none_or(|last| last == run.run_id);
-        ensure!(is_same, "another run has begun");
+        ensure!(last_run.is_none_or(|last| last == run.run_id), "another run has begun");
         header.attempt = attempt;
         let at_rate_ns = |step_ns: u64| run.started_ns + sequence * step_ns;
         let read_ns = || self.step_ns.map_or_else(wall_clock_ns, at_rate_ns);
@@ -250,8 +247,7 @@ impl Sender<'_> {
         }
         count_frame(self.shell, Stage::Ingest, &header);
         if looks_later {
-            self.again
-                .resize(report.points_out as usize, Point::default());
+            self.again.resize(report.points_out as usize, Point::default());
             decode_bin(&self.loaded.scan.bytes, &mut self.again);
             self.suspicion.judge(&self.again, &report, is_loop);
         }

@@ -48,10 +48,7 @@ struct Image {
 impl Depth {
     /// A grower for the model's beams; `None`: neighbours are found by distance.
     pub fn new(beams: Option<&Beams>) -> Depth {
-        Depth {
-            image: beams.map(Image::new),
-            buckets: Buckets::default(),
-        }
+        Depth { image: beams.map(Image::new), buckets: Buckets::default() }
     }
 }
 

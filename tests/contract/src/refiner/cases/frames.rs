@@ -74,11 +74,7 @@ fn slowest(session: &mut Session, frames: [(Vec<Point>, Vec<Detection>); 3]) -> 
 fn spread(number: usize) -> Thing {
     let angle = number as f32 * 2.4;
     let range = 5.0 + number as f32 * 0.09;
-    Thing {
-        x_m: range * angle.cos(),
-        y_m: range * angle.sin(),
-        ..CART
-    }
+    Thing { x_m: range * angle.cos(), y_m: range * angle.sin(), ..CART }
 }
 
 pub(super) fn candidates(session: &mut Session) -> Outcome {

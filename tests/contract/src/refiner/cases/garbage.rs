@@ -19,8 +19,7 @@ fn survives(
 ) -> anyhow::Result<bool> {
     let reaction = session.provoke(what, &mut frame)?;
     if let Ok(answer) = &reaction {
-        let form = session.check_form(&frame, answer);
-        form.with_context(|| what.to_string())?;
+        session.check_form(&frame, answer).with_context(|| what.to_string())?;
         ensure!(
             is_told(answer),
             "{what}: answered as if nothing were wrong (flags {:#x}), neither flagged nor refused",
@@ -36,9 +35,7 @@ fn summary(was_answered: &[bool]) -> Outcome {
     let count = was_answered.len();
     let answered = was_answered.iter().filter(|is| **is).count();
     let refused = count - answered;
-    Ok(format!(
-        "{count} survived: {refused} refused, {answered} answered and flagged"
-    ))
+    Ok(format!("{count} survived: {refused} refused, {answered} answered and flagged"))
 }
 
 pub(super) fn lengths(session: &mut Session) -> Outcome {

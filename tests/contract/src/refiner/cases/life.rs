@@ -56,10 +56,7 @@ pub(super) fn silence(session: &mut Session) -> Outcome {
         std::thread::sleep(Duration::from_millis(10));
     }
     let longest_ms = longest.as_millis();
-    ensure!(
-        longest < HEARTBEAT_MAX,
-        "no heartbeat for {longest_ms} ms; one is due every 100 ms"
-    );
+    ensure!(longest < HEARTBEAT_MAX, "no heartbeat for {longest_ms} ms; one is due every 100 ms");
     check_waiting(&session.fresh_health()?)?;
     session.ask_usual()?;
     Ok(format!(
@@ -76,15 +73,12 @@ pub(super) fn restart(session: &mut Session) -> Outcome {
         std::thread::sleep(Duration::from_micros(300 * kill as u64));
         session.tested.program()?.kill();
         let begun = Instant::now();
-        let started = session.start();
-        started.with_context(|| format!("after kill -9 number {}", kill + 1))?;
+        session.start().with_context(|| format!("after kill -9 number {}", kill + 1))?;
         session.ask_usual()?;
         slowest = slowest.max(begun.elapsed());
     }
     let seconds = slowest.as_secs_f64();
-    Ok(format!(
-        "killed {KILLS} times; back with an answer within {seconds:.2} s"
-    ))
+    Ok(format!("killed {KILLS} times; back with an answer within {seconds:.2} s"))
 }
 
 pub(super) fn overload(session: &mut Session) -> Outcome {
@@ -140,10 +134,7 @@ fn count_answers(
         collect(player, &mut answered)?;
         Ok((answered.last() == Some(&newest)).then_some(()))
     })?;
-    ensure!(
-        answered.is_sorted_by(|a, b| a < b),
-        "frames were answered out of order: {answered:?}"
-    );
+    ensure!(answered.is_sorted_by(|a, b| a < b), "frames were answered out of order: {answered:?}");
     let seen = answered.len() as u64;
     let total = before.frames_out + before.frames_dropped + count as u64;
     let awaited = format!(

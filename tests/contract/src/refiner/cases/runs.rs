@@ -35,8 +35,7 @@ pub(super) fn other_run(session: &mut Session) -> Outcome {
     session.must_refuse("a frame of another run", frame)?;
     // Points of another run have the sequence of a frame of this run; the points of this run's next frame are sent first.
     let mut frame = session.player.usual();
-    let header = frame.points_header.as_mut().context("points")?;
-    header.run_id = OTHER_RUN;
+    frame.points_header.as_mut().context("points")?.run_id = OTHER_RUN;
     let next = session.player.usual();
     session.player.send_points(&next)?;
     let answer = session.ask(&mut frame)?;
