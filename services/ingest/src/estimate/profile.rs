@@ -1,7 +1,7 @@
 //! Compares an estimate with the profiles of real products, and makes a profile from the estimate.
 
 use super::SensorEstimate;
-use crate::guard::BEAMS_FACTOR;
+use crate::guard::judge::BEAMS_FACTOR;
 use mluc_model::SensorProfile;
 
 /// Used where scans do not show them: shortest range, noise of a range, angle between columns. Guesses.
