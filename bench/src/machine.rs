@@ -11,7 +11,7 @@ const EXTENSIONS: &str =
     "avx2 fma avx_vnni avx512f avx512_bf16 avx512_vnni amx_bf16 amx_int8 asimd asimddp bf16";
 const MIB: u64 = 1 << 20;
 /// Folders and files from which the program `mluc` is built.
-const SOURCES: &str = "ipc-types geometry kernels model services weights Cargo.toml";
+const SOURCES: &str = "ipc-types geometry kernels model services weights Cargo.toml Cargo.lock";
 
 /// Processor, memory, kernel and time; a value that the system does not report is null.
 pub(crate) fn describe_machine() -> Value {

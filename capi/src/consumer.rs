@@ -64,7 +64,10 @@ impl Consumer {
                         self.frame = Some(frame);
                         return Ok(Code::Ok);
                     }
-                    Err(failure) => self.shell.refuse(&failure.words)?,
+                    Err(failure) => {
+                        self.shell.refuse(&failure.words)?;
+                        self.frames.release();
+                    }
                 },
                 // A frame that was refused ends the wait early.
                 Next::Timeout if left.is_zero() => return Ok(Code::Timeout),

@@ -43,7 +43,9 @@ impl Refiner {
 
     /// Waits for the newest frame that keeps the contract; others are refused and counted. [`Code::Ok`]: it came.
     pub(crate) fn wait(&mut self, timeout: Duration) -> Result<Code, Failure> {
-        self.frame = None;
+        if self.frame.take().is_some() {
+            self.frames.release();
+        }
         self.shell.note_frame(None);
         // Before its first wait a program may load something for longer than a stage may be silent.
         if self.shell.health.state == HealthState::Starting as u32 {
@@ -67,6 +69,7 @@ impl Refiner {
             let mut header = *detections.header();
             if let Err(error) = Detection::checked(&header, detections.elements(), self.classes()) {
                 self.shell.refuse(&error.to_string())?;
+                self.frames.release();
                 continue;
             }
             let has_points = self.frames.points(header.sequence).is_some();

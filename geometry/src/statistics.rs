@@ -1,4 +1,4 @@
-//! The workspace's only quantile and bootstrap (Efron 1979; circular blocks: Politis and Romano 1992), and the mean with the standard deviation.
+//! Quantile and bootstrap (Efron 1979; circular blocks: Politis and Romano 1992), and the mean with the standard deviation.
 
 use crate::Random;
 

@@ -119,14 +119,22 @@ impl Detection {
         check_index("class", self.class_id as usize, classes)?;
         check_value("kind of a detection", self.kind, 2)?;
         check_value("gate of a detection", self.gate, GateKind::NAMES.len())?;
-        let boxes = self.center_m.iter().chain(&self.size_m);
-        let numbers = boxes.chain([&self.yaw_rad, &self.objectness, &self.score]);
-        let mut numbers = numbers.chain([&self.eds, &self.eds_normalised, &self.threshold]);
-        let are_finite = numbers.all(|number| number.is_finite());
-        let is_sized = self.size_m.iter().all(|&side| side > 0.0);
         let is_told = is_probability_or_none(self.unknown_probability);
-        let (what, is_sound) = ("detection", are_finite && is_sized && is_told);
-        require(is_sound, ContractError::NotFinite { what, index })
+        let are_sides = self.size_m.iter().all(|&side| side > 0.0 && side.is_finite());
+        for (what, is_sound) in [
+            ("center_m of a detection", self.center_m.iter().all(|v| v.is_finite())),
+            ("size_m of a detection", are_sides),
+            ("yaw_rad of a detection", self.yaw_rad.is_finite()),
+            ("objectness of a detection", self.objectness.is_finite()),
+            ("score of a detection", self.score.is_finite()),
+            ("eds of a detection", self.eds.is_finite()),
+            ("eds_normalised of a detection", self.eds_normalised.is_finite()),
+            ("threshold of a detection", self.threshold.is_finite()),
+            ("unknown_probability of a detection", is_told),
+        ] {
+            require(is_sound, ContractError::NotFinite { what, index })?;
+        }
+        Ok(())
     }
 
     /// Whether its anchor has a class.
@@ -165,13 +173,13 @@ mod tests {
             (|d| d.class_id = u32::MAX, "class: index 4294967295"),
             (|d| d.kind = 2, "kind of a detection: 2 is"),
             (|d| d.gate = 4, "gate of a detection: 4 is"),
-            (|d| d.center_m[0] = f32::NAN, "detection: entry 0"),
-            (|d| d.yaw_rad = f32::INFINITY, "detection: entry 0"),
-            (|d| d.eds = f32::NAN, "detection: entry 0"),
-            (|d| d.size_m[1] = 0.0, "detection: entry 0"),
-            (|d| d.size_m[1] = -1.0, "detection: entry 0"),
-            (|d| d.unknown_probability = 1.5, "detection: entry 0"),
-            (|d| d.unknown_probability = f32::NAN, "detection: entry"),
+            (|d| d.center_m[0] = f32::NAN, "center_m of a detection: entry 0"),
+            (|d| d.yaw_rad = f32::INFINITY, "yaw_rad of a detection: entry 0"),
+            (|d| d.eds = f32::NAN, "eds of a detection: entry 0"),
+            (|d| d.size_m[1] = 0.0, "size_m of a detection: entry 0"),
+            (|d| d.size_m[1] = -1.0, "size_m of a detection: entry 0"),
+            (|d| d.unknown_probability = 1.5, "unknown_probability of a detection: entry 0"),
+            (|d| d.unknown_probability = f32::NAN, "unknown_probability of a detection"),
         ];
         for (change, expected) in changes {
             let error = said(change);

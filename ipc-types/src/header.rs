@@ -54,7 +54,8 @@ impl Flags {
     pub const RESENT: Flags = Flags(1 << 4);
     /// Points with NaN or infinity were dropped.
     pub const NOT_FINITE: Flags = Flags(1 << 5);
-    /// The input file was damaged (size not a multiple of 16 bytes): its complete part is used.
+    /// The scan is damaged: its file or message is cut short or cannot be read, packets of the turn are missing, the turn is not whole, or the scan was set
+    /// aside. What is complete is used.
     pub const DAMAGED_INPUT: Flags = Flags(1 << 6);
     /// The points of this sequence were gone when the refiner asked for them.
     pub const POINTS_GONE: Flags = Flags(1 << 7);
@@ -72,9 +73,9 @@ impl Flags {
     pub const LIMIT_OBJECT_POINTS: Flags = Flags(1 << 13 | Flags::LIMIT_HIT.0);
     /// [`Flags::LIMIT_HIT`] of the refiner's work or time for a frame.
     pub const LIMIT_WORK: Flags = Flags(1 << 14 | Flags::LIMIT_HIT.0);
-    /// [`Flags::INPUT_SUSPECT`] for too few points, or points that are not finite, at the origin, or duplicates.
+    /// [`Flags::INPUT_SUSPECT`] for too few or too many points, or points that are not finite, at one place, or duplicates.
     pub const SUSPECT_POINTS: Flags = Flags(1 << 15 | Flags::INPUT_SUSPECT.0);
-    /// [`Flags::INPUT_SUSPECT`] for coordinates that are not in m.
+    /// [`Flags::INPUT_SUSPECT`] for coordinates that are not in m, or not around the sensor.
     pub const SUSPECT_UNIT: Flags = Flags(1 << 16 | Flags::INPUT_SUSPECT.0);
     /// [`Flags::INPUT_SUSPECT`] because another axis than z points up.
     pub const SUSPECT_AXES: Flags = Flags(1 << 17 | Flags::INPUT_SUSPECT.0);
@@ -127,7 +128,7 @@ pub struct EgoPose {
     pub position_m: [f64; 3],
     /// Heading about +z, rad.
     pub yaw_rad: f64,
-    /// 1 when the pose is known, else 0.
+    /// 0: not known; 1: from the source. The refiner marks its own estimates with 2; no message has these.
     pub is_known: u32,
     /// Always 0.
     pub reserved: u32,

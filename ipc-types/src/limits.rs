@@ -28,5 +28,5 @@ pub const RUN_NAME_MAX: usize = 64;
 pub const CLASS_NAME_MAX: usize = 32;
 /// Bytes of the text that says what a score means.
 pub const MEANING_MAX: usize = 96;
-/// Bytes of a health reason.
+/// Bytes of the reason of a health report or a status.
 pub const REASON_MAX: usize = 192;

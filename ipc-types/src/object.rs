@@ -163,13 +163,23 @@ impl Object {
         check_length("footprint corners", corners, FOOTPRINT_MAX)?;
         check_length("object points", self.points_end(), OBJECT_POINTS_MAX)?;
         let corners = &self.footprint_m[..corners];
-        let boxes = self.center_m.iter().chain(&self.size_m);
-        let others = [&self.yaw_rad, &self.score, &self.eds, &self.eds_normalised];
-        let numbers = boxes.chain(others).chain([&self.threshold, &self.overlap]);
-        let are_finite = numbers.chain(corners.iter().flatten()).all(|number| number.is_finite());
-        let is_sound = are_finite && is_probability_or_none(self.unknown_probability);
-        let what = "object";
-        require(is_sound, ContractError::NotFinite { what, index })
+        let is_told = is_probability_or_none(self.unknown_probability);
+        let are_finite = |numbers: &[f32]| numbers.iter().all(|number| number.is_finite());
+        for (what, is_sound) in [
+            ("center_m of an object", are_finite(&self.center_m)),
+            ("size_m of an object", are_finite(&self.size_m)),
+            ("yaw_rad of an object", self.yaw_rad.is_finite()),
+            ("score of an object", self.score.is_finite()),
+            ("eds of an object", self.eds.is_finite()),
+            ("eds_normalised of an object", self.eds_normalised.is_finite()),
+            ("threshold of an object", self.threshold.is_finite()),
+            ("overlap of an object", self.overlap.is_finite()),
+            ("footprint_m of an object", are_finite(corners.as_flattened())),
+            ("unknown_probability of an object", is_told),
+        ] {
+            require(is_sound, ContractError::NotFinite { what, index })?;
+        }
+        Ok(())
     }
 
     /// Checks what the disposition implies.
@@ -336,10 +346,10 @@ mod tests {
             (|o| o.footprint_count = 17, "footprint corners: 17"),
             (|o| o.points_first = 131_073, "object points: 131073"),
             (|o| o.points_count = u32::MAX, "object points: 4294967295"),
-            (|o| o.center_m[1] = f32::NAN, "object: entry 0"),
-            (|o| o.size_m[2] = f32::INFINITY, "object: entry 0"),
-            (|o| o.eds = f32::NAN, "object: entry 0"),
-            (|o| o.footprint_m[3][1] = -f32::INFINITY, "object: entry 0"),
+            (|o| o.center_m[1] = f32::NAN, "center_m of an object: entry 0"),
+            (|o| o.size_m[2] = f32::INFINITY, "size_m of an object: entry 0"),
+            (|o| o.eds = f32::NAN, "eds of an object: entry 0"),
+            (|o| o.footprint_m[3][1] = -f32::INFINITY, "footprint_m of an object: entry 0"),
             (|o| o.size_m[1] = 0.0, "size of a published"),
             (|o| o.size_m[2] = -1.0, "size of a published"),
             (|o| o.footprint_count = 2, "outline of a published"),

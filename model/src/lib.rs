@@ -3,13 +3,13 @@
 //! [`Network`] describes every layer; the trainer and the vehicle use the same description. [`Manifest`] records what a model was trained for.
 //! [`Model`] is a file that passed every check. [`Folded`] is a layer in the order that the kernels read. Nothing here computes a network.
 
+mod architectures;
 mod error;
 mod file;
 mod fold;
 mod formula;
 mod manifest;
 mod network;
-mod profiles;
 mod sensor;
 mod tensors;
 mod untrained;

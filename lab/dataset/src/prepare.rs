@@ -30,8 +30,8 @@ pub struct PrepareOptions {
     pub out: PathBuf,
 }
 
-/// Writes a split. `step` is called after each frame, from any thread. Label and calibration of every frame and the class of every label are
-/// checked before anything is written. The folder is written completely or not at all.
+/// Writes a split. `step` is called after each frame, from any thread. That every frame has a label file and a calibration, and the class of
+/// every label, are checked before anything is written. The folder is written completely or not at all.
 pub fn prepare(options: &PrepareOptions, step: impl Fn() + Sync) -> Result<()> {
     let dataset = options.splits.open(&options.split)?;
     check_files(&dataset)?;

@@ -139,7 +139,7 @@ pub fn rules(request: &RuleRequest, frames: &[LabelledFrame]) -> Result<Vec<Clas
     let named = request.classes.iter().chain(with_overlap.clone());
     if let Some(class) = named.clone().find(|class| contains(&unknown, class)) {
         return Err(EvaluateError::Input(format!(
-            "{class}: expected a class that is either known (--iou, --classes) or unknown (--unknown), found it in both"
+            "{class}: expected a class that is either known (of the model, --iou, --classes) or unknown (--unknown), found it in both"
         )));
     }
     let is_named = |class: &String| request.classes.is_empty() || contains(&request.classes, class);

@@ -19,10 +19,19 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<PathBuf> {
     }
     let _alone = mluc_train::enter(&options.layout().runs)?;
     let plan = plan(options);
+    let mut has_network = false;
     for step in &plan {
-        if let (Work::Prepare(_, of), false) = (&step.work, is_done(options, step)?) {
-            check_files(&of.splits.open(&of.split)?)?;
+        match &step.work {
+            Work::Prepare(_, of) if !is_done(options, step)? => {
+                check_files(&of.splits.open(&of.split)?)?;
+            }
+            Work::Evaluate(_) => has_network |= !is_done(options, step)?,
+            _ => (),
         }
+    }
+    if !has_network {
+        let what = "expected a trained network of at least one kind (NETWORK/model.safetensors), found none";
+        return Err(EvaluateError::file(&options.layout().runs, what));
     }
     let out = &options.layout().out;
     std::fs::create_dir_all(out).map_err(|e| EvaluateError::file(out, e))?;

@@ -84,7 +84,7 @@ impl Run {
                 let expected = format!("a run of at most {} steps (--steps)", settings.steps);
                 return Err(checkpoint::wrong(&path, expected, format!("one of {step}")));
             }
-            format!("resumed at step {step}")
+            format!("resumed at step {step} of {}", settings.steps)
         } else {
             run_folder::refuse_other(&settings.out, "model.safetensors")?;
             let Some(init) = &settings.init else {

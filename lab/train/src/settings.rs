@@ -14,7 +14,8 @@ fn learning_rate(text: &str) -> Result<f64, String> {
     rate.ok_or_else(|| format!("expected above 0 and below 1, found {text}"))
 }
 
-/// A training run. What changes the weights is compared when a run is resumed.
+/// A training run. What changes the weights is compared when a run is resumed; not --steps: the learning
+/// rate then follows the new cycle from there on.
 #[derive(Clone, Debug, PartialEq, Parser)]
 pub struct TrainSettings {
     /// Classes and range.
@@ -184,7 +185,7 @@ impl TrainSettings {
                 Setting::Any => Beams::default(),
                 _ => hdl_64e(),
             },
-            // The ranges that the simulator draws for `sim-any`; it draws no tilt, so the tilt is a guess.
+            // The ranges that the simulator draws for `sim-any`; it draws slopes of at most 3 degrees, so the tilt is a guess.
             takes: (self.setting == Setting::Any).then_some(Takes {
                 beams: [6, 140],
                 height_m: [0.3, 3.0],

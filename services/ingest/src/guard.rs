@@ -25,7 +25,8 @@ const LOOKS: usize = 3;
 /// The most reasons per scan.
 const REASONS_MAX: usize = 24;
 
-/// Looks at the first three scans, then at every sixth. A reason holds until the next look if two of the last three looks found it, or the first one.
+/// Looks at the first three scans, then at every sixth. A reason holds until the next look if two of the last three looks found it, or the
+/// first look of all; reasons with one flag vote together.
 #[derive(Clone, Debug)]
 pub struct Guard {
     expected: Expected,
@@ -36,7 +37,7 @@ pub struct Guard {
     reasons: Vec<Reason>,
     last_scan: u64,
     equal_scans: u32,
-    /// Looks left in which a doubt about unit or axes is the place (a bridge, a lift): these do not change, and a scan without a fault came before.
+    /// Looks left in which a doubt about feet or axes is put down to the place (a bridge, a lift), because a sound scan came before.
     excused: u32,
 }
 

@@ -73,6 +73,9 @@ pub(crate) fn load_for(settings: &Settings) -> anyhow::Result<Model> {
     Ok(model)
 }
 
+/// The copies that a start removes: more than the reloads of a run.
+const COPIES_MAX: u64 = 999;
+
 /// A copy of a run's model for the stages, in its own folder in the instance's folder: it stays, whatever happens to the model's file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct PinnedModel {
@@ -94,8 +97,9 @@ impl PinnedModel {
     pub(crate) fn new(settings: &mut Settings, model: &Model, number: u64) -> anyhow::Result<Self> {
         let (name, fingerprint) = (&settings.model, model.fingerprint);
         let bytes = built_in(name).map_or_else(|| fs::read(name), |bytes| Ok(bytes.to_vec()));
-        // An earlier supervisor may have left a copy, with reports from stages that are still alive.
-        PinnedModel::remove(&settings.instance, number);
+        // Earlier supervisors may have left copies, with reports from stages that are still alive.
+        let last = if number == 0 { COPIES_MAX } else { number };
+        (number..=last).for_each(|number| PinnedModel::remove(&settings.instance, number));
         let folder = PinnedModel::folder(&settings.instance, number);
         let file = folder.join("model.safetensors");
         let made = fs::create_dir_all(folder).and(bytes);

@@ -305,7 +305,7 @@ impl Settings {
         let mut ranges = vec![
             ("rate_hz", self.rate_hz, 0.001, 1000.0),
             ("seconds", self.seconds, 0.001, 1e7),
-            ("lambda", self.lambda, 0.0, 100.0),
+            ("lambda", self.lambda, 0.0, 1e6),
             ("unknown_min", self.unknown_min, 0.0, 1.0),
             ("min_score", self.min_score, 0.0, 1.0),
             ("min_unknown_score", self.min_unknown_score, 0.0, 1e6),

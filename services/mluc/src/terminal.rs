@@ -2,11 +2,13 @@
 
 use anyhow::Context;
 use mluc_runtime::{LOG_FORMATS, PatientStderr, log_format, log_line};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::{fmt::Display, io::Write, io::stdout, time::Duration};
 use tracing::Level;
 
-/// How long a write waits for the reader of stderr.
+/// How long a write waits for the reader of stderr. The next one does not wait again for a reader that stands still.
 const PATIENCE: Duration = Duration::from_secs(1);
+static IS_STALLED: AtomicBool = AtomicBool::new(false);
 
 /// Writes a line to stderr; it is lost if it cannot be written. If the log is JSON, the line is a JSON line of the log.
 pub fn print_err(text: impl Display) {
@@ -19,7 +21,9 @@ pub fn print_at(level: Level, text: impl Display) {
     let is_json = log_format() == LOG_FORMATS[1];
     let line = if is_json { log_line("mluc", level, &text, &[]) } else { text };
     let text = line + "\n";
-    let _ = PatientStderr(PATIENCE).write_all(text.as_bytes());
+    let patience = if IS_STALLED.load(Relaxed) { Duration::ZERO } else { PATIENCE };
+    let written = PatientStderr(patience).write_all(text.as_bytes());
+    IS_STALLED.store(written.is_err(), Relaxed);
 }
 
 /// Writes a line of the command's result to stdout.

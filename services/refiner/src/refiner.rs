@@ -17,7 +17,7 @@ use mluc_model::{Beams, Model, Probabilities, ScoreMin};
 /// equal input gives equal output. In the variant that clusters the scan once, the number of points bounds the work.
 pub const WORK_MAX: u64 = 2_500_000;
 
-/// Refines the candidates of each frame; all buffers are allocated once.
+/// Refines the candidates of each frame. The large buffers are allocated at the start; the others grow with the first frames.
 #[derive(Debug)]
 pub struct Refiner {
     settings: Settings,

@@ -78,7 +78,12 @@ pub fn log_to_stderr(process: &'static str, default_filter: &str) {
     // A word that is no level would be a module's name, and nothing would be logged.
     let is_module =
         |words: &str| !words.contains(['=', ',']) && words.parse::<LevelFilter>().is_err();
-    let read = |words: &String| EnvFilter::try_new(words).ok().filter(|_| !is_module(words));
+    // What the default silences in libraries stays silenced, unless the words name it.
+    let (_, silenced) = default_filter.split_once(',').unwrap_or_default();
+    let read = |words: &String| {
+        let all = [silenced, ","][usize::from(words == "off")].to_owned() + "," + words;
+        EnvFilter::try_new(all).ok().filter(|_| !is_module(words))
+    };
     let filter = given.as_ref().and_then(read);
     if let (Some(words), None) = (&given, &filter) {
         let text = format!(

@@ -53,7 +53,7 @@ const PIECE_BYTES: usize = 8 << 20;
 /// Remembers which segments were touched.
 #[derive(Debug, Default)]
 pub(crate) struct Prefault {
-    touched: HashSet<usize>,
+    touched: HashSet<(usize, u64)>,
     has_failed: bool,
 }
 
@@ -66,7 +66,7 @@ impl Prefault {
         mut beat: impl FnMut() -> Result<()>,
     ) -> Result<()> {
         for mapping in mappings(instance) {
-            if !self.touched.insert(mapping.addresses.start) {
+            if !self.touched.insert((mapping.addresses.start, mapping.inode)) {
                 continue;
             }
             for start in mapping.addresses.clone().step_by(PIECE_BYTES) {

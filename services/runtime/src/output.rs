@@ -125,7 +125,7 @@ fn check_room(needed: u64) -> std::result::Result<(), String> {
         return Ok(());
     }
     Err(format!(
-        "needs {} MiB of shared memory, {SHARED_MEMORY} has {} MiB free: make it larger (in a container: --shm-size)",
+        "needs {} MiB of shared memory, {SHARED_MEMORY} has {} MiB free: make it larger (in a container: --shm-size; `mluc doctor` says how much all topics need)",
         needed.div_ceil(1 << 20),
         free >> 20
     ))

@@ -33,9 +33,12 @@ impl RunWatch {
             return Ok(false);
         };
         let before = self.id();
-        match message.elements() {
-            [run] if run.checked().is_ok() => self.current = Some(*run),
-            _ => tracing::warn!("the description of the run breaks the contract: left out"),
+        match message.elements().first().map(RunDescription::checked) {
+            Some(Ok(run)) => self.current = Some(*run),
+            Some(Err(error)) => {
+                tracing::warn!(%error, "the description of the run breaks the contract: left out")
+            }
+            None => tracing::warn!("the description of the run is empty: left out"),
         }
         Ok(self.id() != before)
     }

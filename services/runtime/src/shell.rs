@@ -212,7 +212,7 @@ impl Shell {
             if is_long && !std::mem::replace(is_said, true) {
                 let name = self.instance().name();
                 let reason = format!(
-                    "waiting for the run: no pipeline and no ingest is running as '{name}'"
+                    "waiting for the run: no pipeline and no ingest of this user is running as '{name}'"
                 );
                 tracing::info!("{reason}");
                 self.state(HealthState::WaitingInput, &reason)?;

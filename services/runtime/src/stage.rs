@@ -120,7 +120,7 @@ pub fn stamp_published(stage: Stage, header: &mut FrameHeader) {
     header.stamps_mut(stage).published_ns = monotonic_ns();
 }
 
-/// Counts a published frame and records its computing time.
+/// Counts a published frame, records its computing time, and ends its note for the supervisor.
 pub fn count_frame(shell: &mut Shell, stage: Stage, header: &FrameHeader) {
     let stamps = header.stages[stage as usize];
     if let Some(heartbeat) = &mut shell.heartbeat {

@@ -90,7 +90,7 @@ impl CaptureScans {
         let (file, packets) = (self.capture.counts(), self.decoder.counts());
         let path = self.path.display();
         tracing::info!(%path, turns = packets.revolutions, packets = packets.packets, lost = packets.lost, damaged = packets.damaged, late = packets.late,
-            other = packets.other_traffic + file.other, "the capture's end");
+            other = packets.other_traffic + file.other, fragments = file.fragmented_lost, "the capture's end");
         if packets.late > packets.packets / 10 {
             tracing::warn!(%path, "many packets came twice or are older than those before: recorded twice, or {CLOCK}");
         }

@@ -100,9 +100,10 @@ impl Capture {
             }
         }
         let counts = self.counts();
-        if counts.datagrams == 0 && counts.other > 0 {
-            let help = "cut by the recorder (tcpdump -s 0), or of another kind of network?";
-            let found = format!("{} frames without a whole one: {help}", counts.other);
+        let parts = counts.other + counts.fragmented_lost;
+        if other.is_none() && parts > 0 && (counts.datagrams == 0 || counts.fragmented_lost > 0) {
+            let help = "cut by the recorder (tcpdump -s 0), fragments filtered out (`udp port N` keeps only the first of each datagram), or of another kind of network?";
+            let found = format!("{parts} frames that are no whole datagram: {help}");
             return refused("packets", "UDP datagrams", found);
         }
         Err(other.unwrap_or_else(|| detector.not_found()))

@@ -86,10 +86,6 @@ impl Receiver {
 }
 
 fn bind(address: SocketAddr, silence: Duration) -> Result<UdpSocket, Error> {
-    if silence.is_zero() {
-        let expected = "silence: expected above 0";
-        return Err(Error::new(ErrorKind::InvalidInput, expected));
-    }
     let (any, port) = (Ipv4Addr::UNSPECIFIED, address.port());
     let socket = match address.ip() {
         IpAddr::V4(group) if group.is_multicast() => {

@@ -11,7 +11,7 @@ use crate::{
 };
 use mluc_backbone::Precision;
 use mluc_dataset::whole_file::write_whole;
-use mluc_model::{Manifest, Model, Probabilities, Profiles, ScoreMin, model_bytes};
+use mluc_model::{HeadKind, Manifest, Model, Probabilities, Profiles, ScoreMin, model_bytes};
 use mluc_refiner::Settings;
 use rayon::prelude::*;
 use std::path::Path;
@@ -93,7 +93,9 @@ pub fn sweep_gate(
     step: &(dyn Fn() + Sync),
 ) -> Result<Vec<SweepPoint>> {
     let gate = ModelGate::of(model);
-    let thresholds = gate.thresholds(frames, THRESHOLDS);
+    // A closed-set detector has only the closed set.
+    let has_gate = model.manifest.network.head != HeadKind::Sigmoid;
+    let thresholds = gate.thresholds(frames, THRESHOLDS * usize::from(has_gate));
     let objects = objects_at(model, gate, set, frames, settings, thresholds, step)?;
     let points = objects.sweep(frames, rules);
     Ok(points.iter().map(JudgedPoint::main).collect())
@@ -281,7 +283,10 @@ pub fn write_threshold(path: &Path, judged: &Model, choice: &Choice) -> Result<(
             manifest.provenance.profile_choice.clear();
         }
         manifest.provenance.threshold_choice = choice.reason.clone();
-        manifest.provenance.metrics.extend(choice.metrics.clone());
+        let metrics = &mut manifest.provenance.metrics;
+        // Those of another threshold, refiner or data: `--precision auto` must not compare with them.
+        metrics.retain(|name, _| !name.ends_with("_bf16") && !name.ends_with("_int8"));
+        metrics.extend(choice.metrics.clone());
     })
 }
 

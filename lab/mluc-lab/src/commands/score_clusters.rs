@@ -47,6 +47,7 @@ pub(crate) fn run(arguments: ScoreClustersArguments) -> anyhow::Result<()> {
     let own = &mut model.manifest;
     (own.thresholds.profiles, own.thresholds.probabilities) = (None, None);
     own.provenance.profile_choice.clear();
+    own.provenance.metrics.retain(|name, _| !name.starts_with("ap_unknown"));
     let bytes = model_bytes(&model.manifest, &model.weights)?;
     write_out(&arguments.out, &bytes)
 }

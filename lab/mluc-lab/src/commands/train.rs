@@ -20,11 +20,14 @@ pub(crate) struct Train {
     stream: bool,
 }
 
-/// The commit of the checkout that this program was built in; `unknown` where git or a repository is not available.
+/// The last commit before this program was built, in the checkout that it was built in; `unknown` where git or a repository is not available.
 pub(super) fn commit() -> String {
+    let built = std::env::current_exe().and_then(|program| program.metadata()?.modified());
+    let built = built.ok().and_then(|at| at.duration_since(std::time::UNIX_EPOCH).ok());
+    let before = format!("--before={}", built.unwrap_or_default().as_secs());
     let mut git = std::process::Command::new("git");
-    let output =
-        git.args(["-C", env!("CARGO_MANIFEST_DIR"), "rev-parse", "--short=12", "HEAD"]).output();
+    git.args(["-C", env!("CARGO_MANIFEST_DIR"), "log", "-1", "--abbrev=12", "--format=%h"]);
+    let output = git.arg(before).output();
     let output = output.ok().filter(|output| output.status.success());
     let text = output.and_then(|output| String::from_utf8(output.stdout).ok());
     let commit = text.map(|text| text.trim().to_owned()).filter(|text| !text.is_empty());

@@ -62,7 +62,7 @@ impl Elevations {
         bin_deg(bin.unwrap_or(BINS - 1))
     }
 
-    /// Puts the peaks into `beams`, degrees, from the top down, as many as there is room for.
+    /// Puts the peaks into `beams`, degrees, from the top down, at most [`super::BEAMS_MAX`].
     pub(super) fn find(&self, beams: &mut Vec<f32>) {
         beams.clear();
         let mut peak = (0.0, 0);
@@ -78,7 +78,7 @@ impl Elevations {
                 if count > peak.0 {
                     peak = (count, bin);
                 } else if falls_from(peak.0, count) {
-                    if beams.len() < beams.capacity() {
+                    if beams.len() < super::BEAMS_MAX {
                         beams.push(bin_deg(peak.1));
                     }
                     (rises, valley) = (false, count);

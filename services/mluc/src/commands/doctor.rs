@@ -41,7 +41,8 @@ pub fn doctor(args: &DoctorArgs, open: Option<Open>) -> anyhow::Result<ExitCode>
         Ok(model) => describe_model(model, &args.model),
         Err(error) => (Failure, format!("{error:#}")),
     };
-    let about_memory = check_shared_memory(loaded.as_ref().ok());
+    let instances = check_instances();
+    let about_memory = check_shared_memory(loaded.as_ref().ok(), !instances.is_empty());
     let about_cpu = check_processor(loaded.as_ref().ok());
     let version = env!("CARGO_PKG_VERSION");
     let version = format!("mluc {version}, wire version {WIRE_VERSION}");
@@ -55,7 +56,7 @@ pub fn doctor(args: &DoctorArgs, open: Option<Open>) -> anyhow::Result<ExitCode>
         check_rights(),
         check_open_files(getrlimit(Resource::Nofile).current),
     ];
-    findings.extend(check_instances());
+    findings.extend(instances);
     let mut input = args.input.clone();
     let _piped = Piped::take(&mut input)?;
     if let (Some(input), Ok(model)) = (&input, &loaded) {
@@ -103,10 +104,12 @@ fn needed_bytes(model: &Model) -> u64 {
         (Topic::OBJECT_POINTS, OBJECT_POINTS_MAX),
     ];
     let bytes = pools.map(|(topic, elements)| topic.slots() * elements * topic.element_bytes);
-    bytes.iter().sum::<usize>() as u64
+    // And small topics, and two copies of the model during a reload.
+    bytes.iter().sum::<usize>() as u64 + (16 << 20)
 }
 
-fn check_shared_memory(model: Option<&Model>) -> Finding {
+/// `is_used`: there are files of an instance.
+fn check_shared_memory(model: Option<&Model>, is_used: bool) -> Finding {
     let Ok(about) = rustix::fs::statvfs("/dev/shm") else {
         return (Failure, "/dev/shm is missing: mount a tmpfs there".into());
     };
@@ -124,6 +127,9 @@ fn check_shared_memory(model: Option<&Model>) -> Finding {
     let text = format!("{text}, this model needs {needed_mib} MiB");
     if free_mib >= needed_mib || all_mib == 0 {
         return (Fine, text);
+    }
+    if is_used && all_mib >= needed_mib {
+        return (Warning, format!("{text}: the instances below use a part of it"));
     }
     let hint = "make it larger (in a container: --shm-size)";
     (Failure, format!("{text}: {hint}"))

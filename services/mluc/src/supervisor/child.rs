@@ -188,9 +188,10 @@ impl Child {
             // Processes that it started may still run and keep the stage's role.
             self.signal(Signal::KILL);
             self.process = None;
-            self.group_before = group;
             self.pid_before = heartbeat.map_or(0, |health| health.pid);
-            return self.ended(status, pid, settings);
+            let ended = self.ended(status, pid, settings);
+            self.group_before = group;
+            return ended;
         }
         // Its first frame may take long, but a stage that waits for its first frame must send heartbeats.
         let is_idle = || {
@@ -279,7 +280,9 @@ impl Child {
     fn judge(&mut self, code: Option<i32>, settings: &Settings) -> Result<()> {
         let name = self.stage.name();
         self.count_death();
-        if code == Some(i32::from(EXIT_USAGE)) && !self.is_foreign {
+        // Settings that a process before it took are no mistake of the user's: an update may have replaced a program.
+        let is_first = self.group_before.is_none();
+        if code == Some(i32::from(EXIT_USAGE)) && !self.is_foreign && is_first {
             let text = format!("stage {name} refuses its settings (see above)");
             return Err(UsageError(text).into());
         }

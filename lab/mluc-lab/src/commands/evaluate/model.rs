@@ -5,9 +5,10 @@ use crate::commands::terminal::{counted, one_of, print_out};
 use anyhow::ensure;
 use clap::{Args, builder::RangedU64ValueParser};
 use mluc_backbone::Precision;
+use mluc_evaluate::pipeline::write_threshold;
 use mluc_evaluate::pipeline::{FrameSet, ModelGate, choose_profiles, choose_threshold};
-use mluc_evaluate::pipeline::{detect_frames, judge, read_parts, sweep_gate, unknown_classes};
-use mluc_evaluate::pipeline::{write_part, write_precisions, write_profiles, write_threshold};
+use mluc_evaluate::pipeline::{detect_frames, judge, paper_rules, read_parts, sweep_gate};
+use mluc_evaluate::pipeline::{unknown_classes, write_part, write_precisions, write_profiles};
 use mluc_model::Model;
 use mluc_refiner::{Settings, Variant};
 use mluc_simulate::shard;
@@ -16,7 +17,7 @@ use std::{collections::BTreeSet, path::PathBuf};
 /// Run a model over labelled scans, in one process, and evaluate the result.
 ///
 /// Known classes are the model's, at the paper's overlaps for its setting (udi: car, pedestrian, cyclist 0.5, truck 0.7; kitti: car 0.7, pedestrian and cyclist
-/// 0.5); unknown objects at 0.1. All figures are of volumes (3d) at moderate. Printed: each class without the gate (closed set) and at the model's threshold;
+/// 0.5); unknown objects at 0.1. Figures are of volumes (3d) at moderate, by range and by rings at hard. Printed: each class without the gate (closed set) and at the model's threshold;
 /// how well each score of a box tells unknown from known; AP by range and by the sensor's rings on the object. --sweep tries many thresholds of the gate.
 #[derive(Args)]
 pub(crate) struct ModelArguments {
@@ -47,7 +48,7 @@ pub(crate) struct ModelArguments {
     #[arg(long)]
     sweep: bool,
     /// Write the best threshold into the model file, with how it was chosen (implies --sweep and, where --refiner is range-scaled,
-    /// --write-precisions and --write-profiles).
+    /// --write-precisions and --write-profiles; else profiles and probabilities of another threshold, and the figures of bf16 and int8, are removed).
     #[arg(long)]
     write_threshold: bool,
     /// Write the scores of the operating profiles into the model file: the lowest at which the upper 95 % bound of the objects a scan on
@@ -90,20 +91,25 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let settings = Settings::of(arguments.refiner);
     // The parts of two processors must have the same precision.
     let (precision, _) = arguments.precision.chosen(&model.manifest, &model.weights);
-    let frames = if arguments.parts.is_empty() {
-        let detect = |step: &(dyn Fn() + Sync)| detect_frames(precision, &model, &set, step);
-        counted("network", set.names().len(), detect)?
-    } else {
-        read_parts(&arguments.parts, &model, precision, &set)?
+    let detected = || match arguments.parts.as_slice() {
+        [] => {
+            let detect = |step: &(dyn Fn() + Sync)| detect_frames(precision, &model, &set, step);
+            counted("network", set.names().len(), detect)
+        }
+        parts => read_parts(parts, &model, precision, &set),
     };
     if let Some(path) = &arguments.write_part {
+        let frames = detected()?;
         write_part(path, &model, precision, &set, &frames)?;
         let count = frames.len();
         return print_out(format_args!("{}: {count} frames", path.display()));
     }
-    let labels = || frames.iter().flat_map(|frame| frame.truth.labels.iter());
-    let unknown = match arguments.unknown {
-        Some(classes) => unknown_labelled(labels(), &classes)?,
+    // The classes are checked first: the network may take hours.
+    let truths: Result<Vec<_>, _> = (0..set.names().len()).map(|at| set.truth(at)).collect();
+    let truths = truths?;
+    let labels = || truths.iter().flat_map(|truth| truth.labels.iter());
+    let unknown = match &arguments.unknown {
+        Some(classes) => unknown_labelled(labels(), classes)?,
         None => {
             // An adapted model may know some of these classes, and lack some that other models know.
             let mut seen: BTreeSet<String> = model.manifest.class_names().into_iter().collect();
@@ -116,6 +122,8 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
             classes
         }
     };
+    paper_rules(&model.manifest.name, &model.manifest.class_names(), &unknown)?;
+    let frames = detected()?;
     let judgement = judge(&model, &set, &frames, &unknown, &settings)?;
     warn_unrecognized(labels(), &judgement.rules);
     let lacks = arguments.write_threshold && judgement.unknown_labels() == 0;

@@ -1,4 +1,4 @@
-//! The two architectures: `second` (the paper's) and `compact` (for a few CPU cores); `profiles.json` lists their layers.
+//! The two architectures: `second` (the paper's) and `compact` (for a few CPU cores); `architectures.json` lists their layers.
 
 use crate::network::{Grid, Network};
 use serde::Deserialize;
@@ -12,7 +12,7 @@ struct Tables {
 }
 
 fn tables() -> Tables {
-    serde_json::from_str(include_str!("profiles.json")).expect("the tables of profiles")
+    serde_json::from_str(include_str!("architectures.json")).expect("the tables of architectures")
 }
 
 impl Grid {
