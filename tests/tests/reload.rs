@@ -9,6 +9,8 @@ fn all_stages_take_new_thresholds_from_one_frame_on_and_wrong_ones_change_nothin
     let setting = Setting::new("reload", 3);
     let mut run = setting.up(&format!("--loop {}", setting.config("")));
     run.wait_for_lines(1);
+    // As `systemctl kill` does it: to all processes. The stages ignore it.
+    run.stages().into_iter().for_each(|(_, pid)| send_signal(pid, Signal::HUP));
     // The last two cases leave no candidates and no published known object.
     for (text, code, words) in [
         ("min_score = 2.0", 2, "min_score must be 0 to 1, found 2"),
@@ -26,6 +28,7 @@ fn all_stages_take_new_thresholds_from_one_frame_on_and_wrong_ones_change_nothin
     run.wait_for_lines(3);
     let run = setting.stop(run);
     run.assert_complete(0, run.lines.len() as u64);
+    run.assert_says(&["stages restarted: 0"]);
     let (_, from) = run.log.split_once("reload: from frame ").expect("waited for");
     let from: u64 = from.split(' ').next().unwrap().parse().expect("a frame");
     for (sequence, line) in run.sequences().into_iter().zip(&run.lines) {

@@ -10,7 +10,7 @@ use mluc_evaluate::pipeline::{
 use mluc_evaluate::{ObjectKind, SensorDetection, SweepPoint, best_index};
 use mluc_geometry::Box3;
 use mluc_head::Detection;
-use mluc_model::{Model, ScoreMin};
+use mluc_model::{Model, ScoreMin, model_bytes};
 use mluc_refiner::{Settings, Variant};
 use mluc_simulate::{ExportOptions, Family, Split, export};
 use mluc_tests::untrained_udi;
@@ -172,7 +172,11 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
     assert!(best.recall_unknown > 30.0, "{best:?}");
     assert!(best.map_known >= 0.9 * closed);
 
-    let (model, path) = (&fixture.model, &fixture.path);
+    let path = &fixture.path;
+    let mut model = fixture.model.clone();
+    model.manifest.provenance.metrics.insert("map_known_int8".to_owned(), 1.0);
+    std::fs::write(path, model_bytes(&model.manifest, &model.weights).expect("bytes")).unwrap();
+    let model = &Model::read(path).expect("a model");
     let (gate, data) = (ModelGate::of(model), fixture.set.describe());
     let choice = choose_threshold(gate, &swept, &judged, &data, "paper-corrected");
     write_threshold(path, model, &choice).expect("written");
@@ -184,6 +188,7 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
     let reason = &provenance.threshold_choice;
     assert!(reason.contains("val, split val, 12 frames"), "{reason}");
     assert_eq!(provenance.metrics["ap_unknown"], best.ap_unknown);
+    assert!(!provenance.metrics.contains_key("map_known_int8"), "of another threshold");
     assert_eq!(provenance.metrics["map_known_closed"], closed);
     let files = std::fs::read_dir(fixture.folder.path()).expect("a folder");
     assert_eq!(files.count(), 2);

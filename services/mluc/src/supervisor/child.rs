@@ -397,4 +397,14 @@ mod tests {
         let limits = [0, 3_000_000].map(|run_max_us| heartbeat_limit_ms(&own, run_max_us));
         assert_eq!(limits, [own.heartbeat_max_ms, 6000]);
     }
+
+    #[test]
+    fn only_the_first_process_of_a_stage_refuses_its_settings() {
+        let (settings, mut child) = (Settings::default(), Child::new(Stage::Ingest));
+        let refused = Some(i32::from(EXIT_USAGE));
+        assert!(child.judge(refused, &settings).is_err());
+        child.group_before = Pid::from_raw(1);
+        assert!(child.judge(refused, &settings).is_ok());
+        assert_eq!(child.failures, 1);
+    }
 }
