@@ -32,7 +32,7 @@ pub(crate) struct RunArgs {
     pub(crate) out: PathBuf,
     #[command(flatten)]
     pub(crate) bench: BenchTable,
-    /// Frames a second [default: 10].
+    /// Frames per second [default: 10].
     #[arg(long)]
     pub(crate) rate: Option<f64>,
     /// A folder of scans [default: the bundled simulated ones].

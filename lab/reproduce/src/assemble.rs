@@ -172,10 +172,10 @@ fn provenance(options: &Options) -> Value {
     let seeded = NETWORKS.iter().filter(|n| n.seeded);
     let seeded: Vec<String> = seeded.map(|n| n.network.name()).collect();
     let training = format!(
-        "One long training a setting makes the base network (`{}`); each other network begins with the base's weights and is \
+        "One long training per setting makes the base network (`{}`); each other network begins with the base's weights and is \
              trained for fewer steps (`osis` with those of `softmax`), so the rows share most of their training. Further seeds ({}) \
-             begin with the same base: their spread is that of the last part of the training. Networks that lay in the runs' folder \
-             already are taken as they are and listed as given.",
+             begin with the same base: their spread is that of the last part of the training. Networks that were already \
+             in the runs' folder are used unchanged and are listed as given.",
         BASE.name(),
         seeded.join(", ")
     );

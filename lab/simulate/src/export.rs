@@ -59,7 +59,7 @@ pub struct ExportOptions {
     /// Folder to write; must be new or empty.
     #[arg(long = "out")]
     pub folder: PathBuf,
-    /// Leave out kinds of background, to measure what they are worth (comma separated): confusers (things of a car's size that are none), frontage,
+    /// Leave out kinds of background, to measure their effect (comma separated): confusers (things of a car's size that are not cars), frontage,
     /// furniture, vegetation; of sim-any street and weather too. Not for training a model that is to be used.
     #[arg(long, value_enum, hide_possible_values = true)]
     #[arg(value_delimiter = ',', value_name = "STEP,..")]
@@ -110,7 +110,7 @@ impl ExportOptions {
             // An estimated azimuth step may be half a percent too small.
             if rays > 1.01 * POINTS_MAX as f32 {
                 let place = format!("sensor {}", sensor.name);
-                let expected = format!("at most {POINTS_MAX} rays a scan (beams x columns)");
+                let expected = format!("at most {POINTS_MAX} rays per scan (beams x columns)");
                 let found = format!("{rays:.0}; choose a larger azimuth_step_deg");
                 return Err(DatasetError::unexpected(place, expected, found));
             }

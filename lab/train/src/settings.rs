@@ -43,7 +43,7 @@ pub struct TrainSettings {
     /// Optimiser steps.
     #[arg(long, default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1..))]
     pub steps: u64,
-    /// Frames a step.
+    /// Frames per step.
     #[arg(long, default_value_t = 2, value_parser = RangedU64ValueParser::<usize>::new().range(1..=64))]
     pub batch: usize,
     /// Seed of weights, order and augmentation.

@@ -143,7 +143,7 @@ pub(crate) struct PipelineArgs {
     /// When the next frame enters [default: sensor; `demo` with files: complete; `replay`: always complete].
     #[arg(long, value_enum)]
     pub(crate) pace: Option<Pace>,
-    /// Frames a second at pace `sensor` [default: the input's own times, else 10].
+    /// Frames per second at pace `sensor` [default: the input's own times, else 10].
     #[arg(long, help_heading = INPUT)]
     #[serde(rename = "rate_hz")]
     pub(crate) rate: Option<f64>,

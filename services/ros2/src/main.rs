@@ -21,7 +21,7 @@ enum Command {
     Stage(Box<StageArgs>),
     /// Look at the clouds of a topic, as `mluc doctor` does (`mluc doctor --input ros2:/TOPIC` starts it).
     Doctor(DoctorArgs),
-    /// Publish points, objects and states of a running pipeline until Ctrl-C. ROS_DOMAIN_ID is obeyed.
+    /// Publish points, objects and states of a running pipeline until Ctrl-C. ROS_DOMAIN_ID selects the domain.
     Publish {
         /// Name of the pipeline, which may be started later [default: MLUC_INSTANCE, else `default`].
         #[arg(long, value_parser = Instance::new)]

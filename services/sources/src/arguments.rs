@@ -21,7 +21,7 @@ pub struct LayoutArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = origin)]
     #[arg(allow_hyphen_values = true)]
     origin: Option<[f64; 3]>,
-    /// Metres a unit of the coordinates, 0.001 for mm [default: 1].
+    /// Metres per unit of the coordinates, 0.001 for mm [default: 1].
     #[arg(long)]
     scale: Option<f64>,
     /// What intensity is multiplied by, so that it is 0 to 1 [default: 1].

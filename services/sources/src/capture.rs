@@ -94,6 +94,10 @@ impl CaptureScans {
         if packets.late > packets.packets / 10 {
             tracing::warn!(%path, "many packets came twice or are older than those before: recorded twice, or {CLOCK}");
         }
+        if packets.damaged > packets.packets {
+            let damaged = packets.damaged;
+            tracing::warn!(%path, damaged, "most packets cannot be decoded: a return mode or version that is not read?");
+        }
         if file.cut_short {
             tracing::warn!(%path, "the capture ends within a packet");
         }

@@ -69,7 +69,7 @@ impl Folder {
                 });
             }
         }
-        let below = "velodyne/ or velodyne_points/data/ below it (of several recordings, .mcap, name one; of a ROS bag `mcap convert IN OUT.mcap` makes one)";
+        let below = "velodyne/ or velodyne_points/data/ below it (of several recordings, .mcap, name one; unpack .mcap.zstd first; of a ROS bag `mcap convert IN OUT.mcap` makes one)";
         let endings = endings();
         bail!("input {name}: no scans ({endings}) there, nor in {below}")
     }
@@ -210,6 +210,7 @@ fn refusal(input: &Path) -> String {
     let help = match ending(input).as_str() {
         "bag" | "db3" => "; `mcap convert IN OUT.mcap` makes an .mcap of it, which is read",
         "laz" => "; `pdal translate IN.laz OUT.las` makes a .las of it, which is read",
+        "zstd" | "zst" | "gz" | "xz" | "bz2" => "; unpack it first",
         _ => "",
     };
     let scan = endings();
@@ -347,6 +348,7 @@ mod tests {
         for (place, words) in [
             ("", "expected scans of one format, found [Bin, Pcd]"),
             ("c/d.bag", "`mcap convert IN OUT.mcap`"),
+            ("c/d.mcap.zstd", "unpack it first"),
             ("c", "no scans (.pcd.bin, .bin,"),
             ("nowhere", "nowhere"),
         ] {

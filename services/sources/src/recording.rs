@@ -46,6 +46,8 @@ pub(crate) struct Recording {
     rounds: Rounds,
     /// The topic of the poses, and the odometry read from it.
     motion: Option<(String, Odometry)>,
+    /// The frame of the last cloud; `None` after a warning.
+    frame: Option<String>,
 }
 
 impl Recording {
@@ -80,6 +82,7 @@ impl Recording {
             sequence: 0,
             rounds: Rounds::default(),
             motion: motion.map(|topic| (topic, odometry)),
+            frame: Some(String::new()),
         })
     }
 
@@ -109,6 +112,12 @@ impl Recording {
                         let (data, ns) = (&message.data, message.log_time);
                         scan.name = numbered(sequence);
                         let frame = scan.take_cloud(cloud, &self.layout, data, ns);
+                        let last = self.frame.as_deref().unwrap_or_default();
+                        if !last.is_empty() && !frame.is_empty() && *last != frame {
+                            tracing::warn!(%path, last, frame, "the topic has clouds in several frames: they are read as those of one sensor");
+                            self.frame = None;
+                        }
+                        self.frame.as_mut().into_iter().for_each(|last| last.clone_from(&frame));
                         if let Some((_, odometry)) = &mut self.motion {
                             odometry.correct(scan, &frame);
                         }
@@ -252,7 +261,10 @@ fn choose(
         return refused(format!("topics of {what}"), expected, topics);
     }
     let expected = format!("{} of {kinds}", wanted.unwrap_or("a topic"));
-    let others = || Vec::from_iter(others).join(", ");
+    let others = || match others.len() {
+        0 => "no channels in the summary (`mcap recover IN -o OUT` writes them)".to_owned(),
+        _ => Vec::from_iter(others).join(", "),
+    };
     found
         .pop_first()
         .ok_or_else(|| SourceError::field(format!("topic of {what}"), expected, others()))

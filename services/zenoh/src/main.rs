@@ -41,7 +41,7 @@ struct Cli {
     /// Configuration file of zenoh itself (JSON5): access control, multicast. --connect and --listen replace its endpoints.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Publish the clouds too: 16 bytes a point and 4 for its object, 2.4 MB a scan of 120,000.
+    /// Publish the clouds too: 16 bytes per point and 4 for its object: 2.4 MB per scan of 120,000 points.
     #[arg(long)]
     points: bool,
 }

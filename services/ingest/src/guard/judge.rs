@@ -98,7 +98,11 @@ impl Expected {
         let is_far = nearest > MAP_MIN && found.field_deg[1] < NARROW_DEG;
         let sees_all = self.sensor.as_ref().is_none_or(|s| s.field_deg.is_none());
         let is_alike = found.range_longest_m < MAP_FACTOR * found.range_nearest_m;
-        if is_far && is_alike && sees_all {
+        // All returns above or below the sensor: heights above the sea, for instance.
+        let [top_deg, bottom_deg] = found.vertical_field_deg;
+        let is_one_sided = bottom_deg > 0.0 || top_deg < 0.0;
+        let is_off_height = is_one_sided && nearest.min(found.range_nearest_m) > MAP_MIN;
+        if is_far && is_alike && sees_all || is_off_height {
             add(true, Reason::Map(nearest));
             return;
         }

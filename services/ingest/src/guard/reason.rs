@@ -10,7 +10,7 @@ pub enum Reason {
     #[error("{:.0} % of the points {}, expected at most {:.0} %: {}", .0 * 100.0, .1, SHARE_MAX * 100.0, .2)]
     Share(f32, &'static str, &'static str),
     /// Points per scan; the fewest and the most expected.
-    #[error("{} points a scan, expected {} to {}: are scans cut into packets, or several put together?", .0, .1[0], .1[1])]
+    #[error("{} points per scan, expected {} to {}: are scans cut into packets, or several put together?", .0, .1[0], .1[1])]
     Points(u32, [u32; 2]),
     /// The coordinates are not in metres: their unit.
     #[error("coordinates seem to be in {}, expected m: read them with --scale {}", .0.name(), .0.in_m())]
@@ -18,8 +18,8 @@ pub enum Reason {
     /// Range below which half of the returns lie, m, and the least expected.
     #[error("half of the returns lie within {:.3} m, expected more than {:.1} m: in another unit, or scaled twice? --scale says how long a unit is, in m", .0, .1)]
     Near(f32, f32),
-    /// Range beyond which all returns lie, in the scan's unit.
-    #[error("all returns lie {:.0} or more away, and none much farther: in map coordinates? --origin X,Y,Z says where the sensor is", .0)]
+    /// Range beyond which nearly all returns lie, in the scan's unit.
+    #[error("nearly all returns lie {:.0} or more away, to one side, above or below: in map coordinates? --origin X,Y,Z says where the sensor is", .0)]
     Map(f32),
     /// The coordinates may be in feet: depth of the ground below the sensor, read as m; the lowest and the highest expected height of the sensor.
     #[error("the ground lies {:.1} below the sensor, expected {:.1} to {:.1} m: if the coordinates are in feet, read them with --scale 0.3048, else mount it there or take a model for this height", .0, .1[0], .1[1])]

@@ -59,8 +59,13 @@ impl Cloud {
                 decoded.map_err(|e| SourceError::field("message", "foxglove.PointCloud", e))?;
             foxglove.cloud()
         } else {
-            let cloud = Reader::of(self, message).and_then(Reader::cloud);
-            cloud.ok_or_else(|| SourceError::field("message", "PointCloud2", "its end"))?
+            let is_zstd = message.starts_with(&[0x28, 0xB5, 0x2F, 0xFD]);
+            let found = match is_zstd {
+                true => "zstd: record or convert the bag without compression of messages",
+                false => "its end",
+            };
+            let cloud = Reader::of(self, message).and_then(Reader::cloud).filter(|_| !is_zstd);
+            cloud.ok_or_else(|| SourceError::field("message", "PointCloud2", found))?
         };
         let (stamp_ns, frame) = (cloud.stamp_ns, std::mem::take(&mut cloud.frame));
         let rest = cloud.data.get(cloud.step().saturating_mul(cloud.height)..);

@@ -9,6 +9,9 @@ use std::path::PathBuf;
 /// Maximum number of rows that are read: more than any scan has, and a limit for files that announce more.
 pub(super) const ROWS_MAX: usize = 4 << 20;
 
+/// A coarser step of coordinates is no measurement any more, m.
+const STEP_MAX_M: f64 = 0.03;
+
 /// Column names that mean intensity, the usual one first.
 const INTENSITIES: [&str; 7] = [
     "intensity",
@@ -154,6 +157,12 @@ impl Layout {
         let time = table.column(&TIMES).filter(|_| self.deskew);
         let coordinates = [column("x")?, column("y")?, column("z")?];
         let [x, y, z] = coordinates.map(Some);
+        let step_m = |i: usize| (self.origin[i] * self.scale).abs() * f64::from(f32::EPSILON);
+        let is_coarse = |i: &usize| coordinates[*i].kind == Kind::F32 && step_m(*i) > STEP_MAX_M;
+        if let Some(i) = (0..3).find(is_coarse) {
+            let found = format!("f32, in steps of {:.2} m at this origin", step_m(i));
+            return refused("coordinates", "f64 or integers", found);
+        }
         for row in 0..table.rows.min(ROWS_MAX) {
             let value = |column| table.value(column, row);
             let found = [x, y, z, intensity, time].map(|column| column.map_or(Some(0.0), value));
@@ -165,7 +174,9 @@ impl Layout {
                 let is_float = matches!(column.kind, Kind::Float { .. });
                 let is_seconds = is_float && moment.abs() < SECONDS_MAX;
                 let unit_ns = if is_seconds { 1e9 } else { 1.0 };
-                scan.times_ns.push(moment * unit_ns);
+                // A missing return has no time.
+                let is_return = x != 0.0 || y != 0.0 || z != 0.0;
+                scan.times_ns.push(if is_return { moment * unit_ns } else { f64::NAN });
             }
             let numbers = placed([x, y, z, intensity]).map(f32::to_le_bytes);
             scan.bytes.extend_from_slice(numbers.as_flattened());

@@ -47,6 +47,9 @@ pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> 
         table
     };
     table.is_big_endian = descr.contains('>');
+    if table.is_big_endian && descr.contains('<') {
+        return refused("descr", "one order of bytes", descr);
+    }
     Ok(table)
 }
 

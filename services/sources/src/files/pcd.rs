@@ -46,7 +46,7 @@ struct Header {
 impl Header {
     fn take(&mut self, key: &str, words: Vec<String>) -> Result<(), SourceError> {
         match key {
-            "FIELDS" => self.names = words,
+            "FIELDS" | "COLUMNS" => self.names = words,
             "SIZE" => self.sizes = words,
             "TYPE" => self.kinds = words,
             "COUNT" => self.counts = words,

@@ -107,6 +107,8 @@ pub struct Decoder {
     /// The sensor's address and the port that it sends to.
     sensor: (IpAddr, u16),
     sweep: Sweep,
+    /// The last packet: a recording at two interfaces has each one twice.
+    last: Vec<u8>,
 }
 
 /// A packet of the right length whose content is impossible.
@@ -145,6 +147,7 @@ impl<'a> Detector<'a> {
             family,
             sensor: (datagram.from.ip(), datagram.to_port),
             sweep: Sweep::default(),
+            last: Vec::new(),
         }))
     }
 
@@ -185,6 +188,12 @@ impl Decoder {
             sweep.counts.other_traffic += 1;
             return;
         }
+        if payload == self.last {
+            sweep.counts.late += 1;
+            return;
+        }
+        self.last.clear();
+        self.last.extend_from_slice(payload);
         let decoded = match &mut self.family {
             Family::Velodyne(velodyne) => velodyne.decode(payload, sweep, on),
             Family::Hesai(hesai) => hesai.decode(payload, sweep, on),

@@ -16,7 +16,7 @@ use std::{collections::BTreeSet, path::PathBuf};
 
 /// Run a model over labelled scans, in one process, and evaluate the result.
 ///
-/// Known classes are the model's, at the paper's overlaps for its setting (udi: car, pedestrian, cyclist 0.5, truck 0.7; kitti: car 0.7, pedestrian and cyclist
+/// Known classes are the model's, at the paper's overlaps for its setting (udi, any: car, pedestrian, cyclist 0.5, truck 0.7; kitti: car 0.7, pedestrian and cyclist
 /// 0.5); unknown objects at 0.1. Figures are of volumes (3d) at moderate, by range and by rings at hard. Printed: each class without the gate (closed set) and at the model's threshold;
 /// how well each score of a box tells unknown from known; AP by range and by the sensor's rings on the object. --sweep tries many thresholds of the gate.
 #[derive(Args)]
@@ -51,7 +51,7 @@ pub(crate) struct ModelArguments {
     /// --write-precisions and --write-profiles; else profiles and probabilities of another threshold, and the figures of bf16 and int8, are removed).
     #[arg(long)]
     write_threshold: bool,
-    /// Write the scores of the operating profiles into the model file: the lowest at which the upper 95 % bound of the objects a scan on
+    /// Write the scores of the operating profiles into the model file: the lowest at which the upper 95 % bound of the objects per scan on
     /// no label is at most 0.1 unknown (in each third of the scans by their points) and 0.2 known (quiet), 0.3 and 0.5 (balanced).
     /// And how likely an object is one, by score and range. Scans count as independent: those of one drive give scores that are too low.
     /// Needs --refiner range-scaled, as a run has it.

@@ -23,7 +23,7 @@ pub(super) fn findings(
     let (mut scan, mut points) = (Scan::default(), vec![Point::default(); POINTS_MAX]);
     let step = source.count().map_or(1, |count| count.div_ceil(SCANS));
     let begun = Instant::now();
-    let mut damaged = vec![];
+    let (mut damaged, mut is_last_part) = (vec![], false);
     for number in 0..SCANS {
         let next = loop {
             let next = source.load(number * step, &mut scan)?;
@@ -33,14 +33,18 @@ pub(super) fn findings(
             }
         };
         if next != Next::Scan {
+            // So is the last one of a capture.
+            if is_last_part {
+                damaged.pop();
+            }
             break;
         }
         // The count is determined first: points beyond the limit are cut off, as ingest does.
         let kept = inspect_bin(&scan.bytes).points_out as usize;
         let report = decode_bin(&scan.bytes, &mut points[..kept]);
         // The first revolution of a capture or a live sensor is incomplete.
-        let may_be_part = number == 0 && source.count().is_none();
-        let is_part = may_be_part && scan.flags == Flags::DAMAGED_INPUT;
+        is_last_part = source.count().is_none() && scan.flags == Flags::DAMAGED_INPUT;
+        let is_part = number == 0 && is_last_part;
         if kept == 0 || (scan.flags != Flags::default() && !is_part) {
             damaged.push(scan.name.clone());
         }
@@ -70,7 +74,7 @@ pub(super) fn findings(
         let text = if source.is_live() && found.points == 0 {
             format!("no scan of a known sensor came within 5 s: does it send here? {silence}")
         } else {
-            "no returns in these scans: are they scans, and does --columns name their columns?"
+            "no returns in these scans: see the warnings above; of a .bin or .npy, does --columns name its columns?"
                 .to_string()
         };
         findings.push((Failure, text));
