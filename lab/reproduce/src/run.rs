@@ -21,11 +21,9 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<PathBuf> {
     let plan = plan(options);
     let mut has_network = false;
     for step in &plan {
-        match &step.work {
-            Work::Prepare(_, of) if !is_done(options, step)? => {
-                check_files(&of.splits.open(&of.split)?)?;
-            }
-            Work::Evaluate(_) => has_network |= !is_done(options, step)?,
+        match (&step.work, is_done(options, step)?) {
+            (Work::Prepare(_, of), false) => check_files(&of.splits.open(&of.split)?)?,
+            (Work::Evaluate(_), is_impossible) => has_network |= !is_impossible,
             _ => (),
         }
     }

@@ -92,6 +92,7 @@ fn the_same_points_come_from_every_format() {
     let turned = POINTS.map(|[x, y, z, i]| [3.0, z, 0.0, y, i, x]);
     let plain = Layout::default;
     let boolean = String::from_utf8(pcd("ascii", text().as_bytes())).unwrap();
+    let old = boolean.replace("FIELDS", "COLUMNS").into_bytes();
     let boolean = boolean.replace("F F U", "F F B").into_bytes();
     let cases = [
         (Bin, plain(), bytes(&POINTS)),
@@ -103,6 +104,7 @@ fn the_same_points_come_from_every_format() {
         (Npy, quarter(), named("('', '|V2')")),
         (Pcd, quarter(), pcd("ascii", text().as_bytes())),
         (Pcd, quarter(), boolean),
+        (Pcd, quarter(), old),
         (Pcd, quarter(), pcd("binary", &rows(false))),
         (Pcd, quarter(), pcd("binary_compressed", &compressed())),
         (Ply, quarter(), ply("ascii", text().as_bytes())),
@@ -179,6 +181,7 @@ fn files_that_do_not_fit_are_named() {
         (Ply, b"ply".to_vec()),
         (Npy, b"PK".to_vec()),
         (Npy, npy("'<f4'", "(3, 2)", false, b"")),
+        (Npy, npy("[('x', '<f4'), ('y', '>f4'), ('z', '<f4')]", "(3,)", false, &[0; 36])),
     ];
     let lines = include_str!("tests/refused.txt").lines();
     assert_eq!(lines.clone().count(), files.len());
@@ -187,6 +190,10 @@ fn files_that_do_not_fit_are_named() {
         let error = error.unwrap_err().to_string();
         assert!(error.contains(words), "{words}: {error}");
     }
+    // Coordinates of a map in f32 have steps of half a metre.
+    let map = Layout { origin: [500_000.0, 5_400_000.0, 100.0], ..Layout::default() };
+    let error = converted(Bin, &map, bytes(&POINTS)).unwrap_err().to_string();
+    assert!(error.contains("expected f64 or integers, found f32, in steps of 0.06 m"), "{error}");
 }
 
 #[test]
@@ -207,6 +214,11 @@ fn whole_numbers_of_text_are_nanoseconds() {
     let (file, mut scan) = (file.replace(" ring ", " t "), Scan::default());
     Pcd.convert(&layout, file.into_bytes(), &mut scan).unwrap();
     assert_eq!(scan.times_ns, [7.0; 3]);
+    // A missing return has no time.
+    layout.columns = ["x", "y", "z", "t"].map(String::from).to_vec();
+    let (mut scan, file) = (Scan::default(), bytes(&[[1.0, 0.0, 0.0, 0.5], [0.0; 4]]));
+    Bin.convert(&layout, file, &mut scan).unwrap();
+    assert!(scan.times_ns[0] == 5e8 && scan.times_ns[1].is_nan());
 }
 
 /// A file that laspy wrote (`tests/las/make.py`), of a sensor at `x_m`: its numbers, and whether it is cut.
