@@ -28,8 +28,8 @@ UNREFINED, THINNED = 1, 4  # bits of an object's flags
 GATES = 4  # codes of `gate`: 0 to 3
 FOOTPRINT_MAX, FINITE = 16, ("center_m", "size_m", "yaw_rad", "score", "eds", "eds_normalised", "threshold", "overlap")
 # Bits of a header's flags.
-TRUNCATED, DEGRADED, LIMIT_HIT, NOT_FINITE, POINTS_GONE, EMPTY = 1 << 1, 1 << 2, 1 << 3, 1 << 5, 1 << 7, 1 << 8
-LIMIT_OBJECT_POINTS, SUSPECT_UNIT, SUSPECT_AXES = 1 << 13, 1 << 16, 1 << 17
+LATE, TRUNCATED, DEGRADED, LIMIT_HIT, RESENT, NOT_FINITE, DAMAGED_INPUT, POINTS_GONE, EMPTY, INPUT_SUSPECT = (1 << bit for bit in range(10))
+LIMIT_OBJECT_POINTS, LIMIT_WORK, SUSPECT_UNIT, SUSPECT_AXES = 1 << 13, 1 << 14, 1 << 16, 1 << 17
 PUBLISHED, OVERLAPS_KNOWN, OVERLAPS_UNKNOWN, TOO_FEW_POINTS, OVERSIZED, INVALID_BOX, UNCONFIRMED, UNDERSIZED, LOW_SCORE = range(9)
 STATES, STATUS_AGE_MAX_NS = ("starting", "running", "degraded", "blind", "late", "stopped"), 2_000_000_000
 STARTING, WAITING_INPUT, RUNNING, BAD, FAILED, STOPPING = range(6)
@@ -152,11 +152,15 @@ def newest(port, kind):
     return element
 
 
+class NotJoined(SystemExit, RuntimeError):
+    """The instance cannot be joined. Not caught, it ends the program with its words and exit code 1."""
+
+
 class Member:
     """Membership of this process in the instance that `MLUC_INSTANCE` names, in one run after the other."""
 
     def __init__(self):
-        self.root = "/dev/shm/" + stem()
+        self.root, self.handlers = "/dev/shm/" + stem(), {}
         self.join()
         self.node, self.services = make_node(stem()), {}
         self.descriptions, self.run = self.input("run"), RunDescription()
@@ -167,7 +171,7 @@ class Member:
         try:
             about = os.lstat(self.root)
             if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.geteuid() or about.st_mode & 0o077:
-                sys.exit(f"{self.root}: expected a folder of user {os.geteuid()}, mode 700, found user {about.st_uid}, {about.st_mode:o}")
+                raise NotJoined(f"{self.root}: expected a folder of user {os.geteuid()}, mode 700, found user {about.st_uid}, {about.st_mode:o}")
             while True:
                 self.lock = open(os.open(self.root + "/.lock", os.O_RDONLY | os.O_NOFOLLOW))
                 fcntl.flock(self.lock, fcntl.LOCK_SH)
@@ -176,9 +180,9 @@ class Member:
                     break
             begun = open(self.root + "/contract").read().strip()
         except FileNotFoundError as error:
-            sys.exit(f"no pipeline runs there, start `mluc up` first: {error}")
+            raise NotJoined(f"no pipeline runs there, start `mluc up` first: {error}")
         if f"wire={WIRE_VERSION}" not in begun.split():
-            sys.exit(f"expected wire version {WIRE_VERSION}, found {begun} in {self.root}/contract: run the same mluc on both sides")
+            raise NotJoined(f"expected wire version {WIRE_VERSION}, found {begun} in {self.root}/contract: run the same mluc on both sides")
 
     def input(self, name):
         self.services[name] = open_topic(self.node, name)[0]
@@ -188,10 +192,11 @@ class Member:
         return open_topic(self.node, name)[1].listener_builder().create()
 
     def end_on_signals(self):
-        """SIGTERM and SIGINT set `is_stopping`, in place of the program's own handlers. Outside of the main thread the program sets it itself."""
+        """SIGTERM and SIGINT set `is_stopping`, in place of the program's own handlers until `leave()`. Outside of the main thread the program
+        sets it itself."""
         with contextlib.suppress(ValueError):
             for number in (signal.SIGTERM, signal.SIGINT):
-                signal.signal(number, self.stop)
+                self.handlers[number] = signal.signal(number, self.stop)
 
     def stop(self, *_):
         self.is_stopping = True
@@ -242,11 +247,21 @@ class Member:
             self.scans.pop(0).delete()
 
     def leave(self):
-        """Closes all ports; then removes the instance's files if no other process is left in it."""
+        """Closes all ports; then removes the instance's files if no other process is left in it. The object cannot be used again."""
         # What closed later would remove files of the next pipeline of this name.
         for name in ("scans", "indices", "points", "detections", "objects", "object_points", "statuses", "healths", "outputs", "listener",
-                     "descriptions", "services", "node"):
+                     "descriptions", "services", "node", "claim"):
             setattr(self, name, None)
+        if not self.lock.closed:
+            with self.lock:
+                self.clean()
+        with contextlib.suppress(ValueError):
+            for number, handler in self.handlers.items():
+                signal.signal(number, handler or signal.SIG_DFL)
+        self.handlers = {}
+
+    def clean(self):
+        """Removes the instance's files if no other process is left in it."""
         try:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -295,7 +310,7 @@ class Consumer(Watch):
         self.end_on_signals()
 
     def frames(self, silence_s=float("inf")):
-        """Yields the newest frame of the run until this process is asked to end; None after `silence_s` without one: `status()` says why.
+        """Yields the newest frame of the run until this process is asked to end (after a `break` call `leave()`); None after `silence_s` without one: `status()` says why.
         Each has `header`, `objects` (an array of dtype Object; its `footprint_m` is flat: x, y, x, y, ..), `points`, and `points_of(object)`: indices
         into the points, which are there until the loop goes on (copy what you keep). `dropped` counts the frames that newer ones replaced."""
         heard_s = time.monotonic()
@@ -400,7 +415,7 @@ class Stage(Member):
         try:
             fcntl.flock(self.claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            sys.exit(f"another {self.name} runs already: stop it first ({path})")
+            raise NotJoined(f"another {self.name} runs already: stop it first ({path})")
         self.note()
 
     def note(self, sequence="-"):
@@ -443,8 +458,9 @@ class Stage(Member):
         self.health.frames_in, self.health.frames_out = self.health.frames_in + 1, self.health.frames_out + 1
 
     def leave(self, reason=""):
-        self.say(STOPPING, reason)
-        super().leave()
+        if not self.lock.closed:
+            self.say(STOPPING, reason)
+            super().leave()
 
 
 class Source(Stage):

@@ -4,14 +4,15 @@
  *
  *     mluc_refiner *refiner = NULL;
  *     if (mluc_refiner_open(&refiner) != MLUC_OK) { fputs(mluc_last_error(), stderr); return 1; }
- *     for (;;) {
+ *     int32_t code = MLUC_OK;
+ *     while (code == MLUC_OK || code == MLUC_TIMEOUT) {
  *         mluc_frame frame;
- *         int32_t code = mluc_refiner_wait(refiner, 100, &frame);
- *         if (code == MLUC_TIMEOUT) continue;
- *         if (code != MLUC_OK) break;
+ *         code = mluc_refiner_wait(refiner, 100, &frame);
+ *         if (code != MLUC_OK) continue;
  *         ... fill objects and indices ...
- *         mluc_refiner_publish(refiner, objects, objects_count, indices, indices_count, 0);
+ *         code = mluc_refiner_publish(refiner, objects, objects_count, indices, indices_count, 0);
  *     }
+ *     if (code < 0) fprintf(stderr, "%s\n", mluc_last_error());
  *     mluc_refiner_close(refiner);
  *
  * A consumer: mluc_consumer_open, mluc_consumer_wait again and again, mluc_consumer_close (examples/consumer-cpp).
@@ -19,7 +20,8 @@
  * the input, mluc_source_close (examples/source-cpp).
  *
  * Link with libmluc_capi.a or libmluc_capi.so (`cargo build --release -p mluc-capi`). A handle belongs to one thread at
- * a time. Lengths in m, angles in rad, times in ns of CLOCK_MONOTONIC; sensor frame: x forward, y left, z up.
+ * a time. In a service of Type=notify a source or a refiner says READY=1 and WATCHDOG=1 for the whole process; unset
+ * NOTIFY_SOCKET before open where the program does this itself. Lengths in m, angles in rad, times in ns of CLOCK_MONOTONIC; sensor frame: x forward, y left, z up.
  */
 #ifndef MLUC_H
 #define MLUC_H
@@ -34,7 +36,7 @@ extern "C" {
 #define MLUC_ASSERT(condition, words) _Static_assert(condition, words)
 #endif
 
-/* Of the contract that this header describes; mluc_wire_version() returns the library's. */
+/* Of the contract that this header describes; mluc_wire_version() returns the library's. Compare them before the first open. */
 #define MLUC_WIRE_VERSION 6u
 
 /* What a call returns; negative ones are errors, and mluc_last_error() says more. */
@@ -139,7 +141,7 @@ typedef struct mluc_header {
     uint32_t ego_is_known;
     uint32_t ego_reserved;
     mluc_stamps stages[4]; /* ingest, backbone, head, refiner */
-    char name[48];         /* NUL-padded */
+    char name[48];         /* NUL-padded; a longer name fills it without a NUL: print it with "%.48s" */
 } mluc_header;
 
 typedef struct mluc_point {
@@ -192,7 +194,7 @@ typedef struct mluc_object {
     float footprint_m[16][2]; /* counter-clockwise */
 } mluc_object;
 
-/* What holds for all frames of a run; texts are UTF-8, NUL-padded. */
+/* What holds for all frames of a run; texts are UTF-8, NUL-padded. A text that fills its field has no NUL behind it ("%.64s"). */
 typedef struct mluc_run {
     uint32_t wire_version;
     uint32_t classes_count; /* 1 to MLUC_CLASSES_MAX */
@@ -242,7 +244,7 @@ typedef struct mluc_status {
     uint64_t blind_sectors; /* bit n: 10 n to 10 (n + 1) degrees, counter-clockwise from +x */
     float not_finite_share;
     uint32_t is_ground_lost;
-    char reason[192]; /* NUL-padded */
+    char reason[192]; /* NUL-padded; print it with "%.192s" */
 } mluc_status;
 
 MLUC_ASSERT(sizeof(mluc_status) == 344, "mluc_status");
@@ -256,7 +258,8 @@ MLUC_ASSERT(offsetof(mluc_detection, threshold) == 148, "mluc_detection");
 MLUC_ASSERT(sizeof(mluc_object) == 220, "mluc_object");
 MLUC_ASSERT(offsetof(mluc_object, footprint_m) == 92, "mluc_object");
 
-/* Where a frame lies in shared memory: readable, not writable, until the next call with the same handle. */
+/* Where a frame lies in shared memory: readable, not writable, until the next call with the same handle. A pointer whose count is
+ * 0 points nowhere, and need not be null. */
 typedef struct mluc_frame {
     const mluc_header *header;
     const mluc_run *run; /* that the frame belongs to: classes, model, gate, meaning of scores */
@@ -291,7 +294,8 @@ int32_t mluc_refiner_publish(mluc_refiner *refiner, const mluc_object *objects, 
 /* Leaves. Null is fine. */
 void mluc_refiner_close(mluc_refiner *refiner);
 
-/* What a pipeline says: readable until the next call with the same handle. */
+/* What a pipeline says: readable until the next call with the same handle. A pointer whose count is 0 points nowhere, and need not
+ * be null. */
 typedef struct mluc_result {
     const mluc_header *header; /* null: no frame came */
     const mluc_run *run;
@@ -328,8 +332,9 @@ int32_t mluc_source_open(mluc_source **source);
  * ready. Call it before each scan, and at least twice a second. */
 int32_t mluc_source_wait(mluc_source *source, uint32_t wait_ms, uint64_t *sequence);
 
-/* Publishes a scan: x forward, y left, z up in m, intensity 0 to 1. Points that are not finite or beyond MLUC_POINTS_MAX are left
- * out, counted and flagged. stamp_ns: the sensor's time, ns since 1970 (0: now); name: its last 48 bytes (null: the number). */
+/* Publishes a scan: x forward, y left, z up in m, intensity 0 to 1 (not finite: 0). Points whose place is not finite, or beyond
+ * MLUC_POINTS_MAX, are left out, counted and flagged. stamp_ns: the sensor's time, ns since 1970 (0: now); name: its last 48 bytes
+ * (null or empty: the number). */
 int32_t mluc_source_publish(mluc_source *source, const mluc_point *points, size_t points_count, uint64_t stamp_ns, const char *name);
 
 /* The input is at its end: waits until the last scan has passed, at most timeout_ms, and ends the run. Without it a run

@@ -250,7 +250,7 @@ pub unsafe extern "C" fn mluc_source_wait(
     })
 }
 
-/// Publishes a scan. `stamp_ns` 0: now; `name` null: its number.
+/// Publishes a scan. `stamp_ns` 0: now; `name` null or empty: its number.
 ///
 /// # Safety
 /// `source` as above; `points` points to as many as said, or their count is 0; `name` is null or ends with NUL.
@@ -269,7 +269,7 @@ pub unsafe extern "C" fn mluc_source_publish(
         let points = unsafe { slice_of("points", points, points_count)? };
         // SAFETY: by the caller's promise.
         let name = (!name.is_null()).then(|| unsafe { CStr::from_ptr(name) }.to_string_lossy());
-        source.publish(points, stamp_ns, name.as_deref())?;
+        source.publish(points, stamp_ns, name.as_deref().filter(|name| !name.is_empty()))?;
         Ok(Code::Ok)
     })
 }

@@ -61,10 +61,7 @@ impl Refiner {
                 // A frame that was refused ends the wait early.
                 Next::Timeout if left.is_zero() => return Ok(Code::Timeout),
                 Next::Timeout => continue,
-                Next::Stopping => {
-                    self.shell.state(HealthState::Stopping, "")?;
-                    return Ok(Code::Stopping);
-                }
+                Next::Stopping => return Ok(Code::Stopping),
             };
             let mut header = *detections.header();
             if let Err(error) = Detection::checked(&header, detections.elements(), self.classes()) {
@@ -136,5 +133,12 @@ impl Refiner {
         counters.bytes_read = bytes_read;
         counters.bytes_written = (size_of_val(objects) + size_of_val(indices)) as u32;
         Ok(finish(&mut self.shell, Stage::Refiner, &header)?)
+    }
+}
+
+impl Drop for Refiner {
+    /// Ingest sends it no more frames, and the supervisor does not take it for one that hangs.
+    fn drop(&mut self) {
+        let _ = self.shell.state(HealthState::Stopping, "");
     }
 }

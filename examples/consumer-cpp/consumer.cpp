@@ -28,6 +28,10 @@ void print(const mluc_result &result, bool is_first, const mluc_object &object) 
 }  // namespace
 
 int main() {
+    if (mluc_wire_version() != MLUC_WIRE_VERSION) {
+        std::fprintf(stderr, "mluc.h is of wire version %u, the library speaks %u\n", MLUC_WIRE_VERSION, mluc_wire_version());
+        return 1;
+    }
     mluc_consumer *consumer = nullptr;
     if (mluc_consumer_open(&consumer) != MLUC_OK) {
         std::fprintf(stderr, "consumer: %s\n", mluc_last_error());

@@ -54,6 +54,10 @@ int main(int argc, char **argv) {
         std::fprintf(stderr, "usage: source DIR, a folder of .bin\n");
         return 2;
     }
+    if (mluc_wire_version() != MLUC_WIRE_VERSION) {
+        std::fprintf(stderr, "mluc.h is of wire version %u, the library speaks %u\n", MLUC_WIRE_VERSION, mluc_wire_version());
+        return 1;
+    }
     mluc_source *source = nullptr;
     int32_t code = mluc_source_open(&source);
     if (code == MLUC_OK) code = send(source, scans(argv[1]));

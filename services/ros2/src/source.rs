@@ -43,6 +43,8 @@ struct Clouds {
     /// The odometry that corrects the scans.
     odometry: Odometry,
     heard: Instant,
+    /// The wall clock at the last look: where it was set back, the reader gives nothing until it has caught up.
+    wall_ns: u64,
     patience: Patience,
     /// Publisher and sequence number of the last cloud.
     last: Option<(GUID, i64)>,
@@ -111,6 +113,7 @@ impl Clouds {
             topics: Some(topics),
             odometry: Odometry::new(layout)?,
             heard: Instant::now(),
+            wall_ns: wall_clock_ns(),
             patience: Patience::default(),
             last: None,
             missed: 0,
@@ -152,7 +155,9 @@ impl LiveScans for Clouds {
                 topics.clouds.set_waker(Some(waker));
             }
             let newest = self.newest();
-            if self.patience.is_over(newest.is_some()) {
+            let now_ns = wall_clock_ns();
+            let is_set_back = std::mem::replace(&mut self.wall_ns, now_ns) > now_ns + 1_000_000_000;
+            if self.patience.is_over(newest.is_some()) || is_set_back {
                 // Drop the old topics first, to free their ports: others may know this process only by its ports.
                 self.topics = None;
                 self.topics = anew(Topics::join(&self.name, &self.layout));

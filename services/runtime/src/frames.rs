@@ -1,7 +1,7 @@
 //! The frames of a topic as a stage takes them: the newest frame of this run and its model that ingest has sent and whose
 //! sequence does not go backwards. All other frames are refused and counted.
 
-use crate::{Input, Next, Payload, Scans, Shell, error::Result};
+use crate::{Input, Next, Payload, Scans, Shell, error::Result, monotonic_ns};
 use mluc_ipc_types::{ContractError, FrameHeader, Point, RunDescription, Topic};
 use std::time::Duration;
 
@@ -33,6 +33,7 @@ impl<T: Payload> Frames<T> {
         mut ahead: impl FnMut(&FrameHeader, &[Point]),
         timeout: Duration,
     ) -> Result<Next<T>> {
+        let begun_ns = monotonic_ns();
         if !shell.await_run(timeout)? {
             let stopping = shell.is_stopping().then_some(Next::Stopping);
             return Ok(stopping.unwrap_or(Next::Timeout));
@@ -57,7 +58,8 @@ impl<T: Payload> Frames<T> {
             }
             Ok(is_idle.then(|| scans.wake()).flatten())
         };
-        let next = shell.next_within(&mut self.input, take_scans, timeout)?;
+        let left = timeout.saturating_sub(Duration::from_nanos(monotonic_ns() - begun_ns));
+        let next = shell.next_within(&mut self.input, take_scans, left)?;
         if let Next::Message(message) = &next
             && let Err(error) = self.admit(shell, message.header())?
         {

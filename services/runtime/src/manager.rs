@@ -1,6 +1,6 @@
 //! Notifications to systemd from a service of `Type=notify`: it is ready, it is alive, it ends (sd_notify(3)).
 
-use crate::monotonic_ns;
+use crate::{Shutdown, monotonic_ns};
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::{ffi::OsStr, os::linux::net::SocketAddrExt, os::unix::ffi::OsStrExt};
 
@@ -60,7 +60,10 @@ impl Manager {
 
 impl Drop for Manager {
     fn drop(&mut self) {
-        self.say("STOPPING=1");
+        // A program that only closes a handle of the C library goes on.
+        if Shutdown::on_signals().is_ok_and(|asked| asked.is_requested()) {
+            self.say("STOPPING=1");
+        }
     }
 }
 

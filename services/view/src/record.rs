@@ -15,14 +15,6 @@ const EXIT_WARNINGS: u8 = 3;
 
 pub(crate) fn record(mut follower: Follower, out: &Path, has_stages: bool) -> Result<ExitCode> {
     let about = || format!("recording to {}", out.display());
-    // An existing file is not overwritten.
-    let file = BufWriter::new(File::create_new(out).with_context(about)?);
-    // lz4: the pipeline needs the processor.
-    let options = WriteOptions::new().profile("ros2");
-    let options = options.compression(Some(Compression::Lz4));
-    let mut writer = options.create(file).with_context(about)?;
-    let mut channels = vec![];
-    let line = line_topic();
     let mut stages = None;
     let mut all = Vec::from(topics());
     all.push(line_topic());
@@ -32,6 +24,14 @@ pub(crate) fn record(mut follower: Follower, out: &Path, has_stages: bool) -> Re
         stages = Some((features, detections));
         all.extend([Stage::Backbone, Stage::Head].map(stage_topic));
     }
+    // An existing file is not overwritten.
+    let file = BufWriter::new(File::create_new(out).with_context(about)?);
+    // lz4: the pipeline needs the processor.
+    let options = WriteOptions::new().profile("ros2");
+    let options = options.compression(Some(Compression::Lz4));
+    let mut writer = options.create(file).with_context(about)?;
+    let mut channels = vec![];
+    let line = line_topic();
     for topic in &all {
         let schema = writer.add_schema(topic.schema, "ros2msg", topic.definition.as_bytes())?;
         channels.push(writer.add_channel(schema, topic.name, "cdr", &BTreeMap::new())?);

@@ -78,7 +78,9 @@ fn serve(mut client: TcpStream, snapshot: &Snapshot) -> io::Result<()> {
 
 /// Code, type and text of a page.
 fn answer(request: &str, snapshot: &Snapshot) -> (&'static str, &'static str, String) {
-    let path = request.strip_prefix("GET ").unwrap_or("").split([' ', '?']).next().unwrap_or("");
+    // Of an answer to HEAD the client reads the head alone.
+    let asked = request.strip_prefix("GET ").or(request.strip_prefix("HEAD "));
+    let path = asked.unwrap_or("").split([' ', '?']).next().unwrap_or("");
     let state = snapshot.state();
     let plain = "text/plain; charset=utf-8";
     let if_so = |is_so: bool| {

@@ -100,7 +100,10 @@ impl Complaints {
             format!("{name}: {}", health.reason())
         });
         for words in of_all.into_iter().chain(of_stages) {
-            self.0.retain(|(_, shown)| *shown != words);
+            // One complaint whose numbers change stays one.
+            let kind =
+                |text: &str| text.split(|c: char| c.is_ascii_digit()).next().map(str::to_owned);
+            self.0.retain(|(_, shown)| kind(shown) != kind(&words));
             self.0.push((time_of_day(wall_clock_ns()), words));
         }
         let over = self.0.len().saturating_sub(COMPLAINTS_MAX);
