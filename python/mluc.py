@@ -192,7 +192,7 @@ class Member:
         return open_topic(self.node, name)[1].listener_builder().create()
 
     def end_on_signals(self):
-        """SIGTERM and SIGINT set `is_stopping`, in place of the program's own handlers until `leave()`. Outside of the main thread the program
+        """SIGTERM and SIGINT set `is_stopping`, in place of the program's own handlers until `leave()` (of several objects, leave the last one first). Outside of the main thread the program
         sets it itself."""
         with contextlib.suppress(ValueError):
             for number in (signal.SIGTERM, signal.SIGINT):
@@ -257,7 +257,8 @@ class Member:
                 self.clean()
         with contextlib.suppress(ValueError):
             for number, handler in self.handlers.items():
-                signal.signal(number, handler or signal.SIG_DFL)
+                if signal.getsignal(number) == self.stop:
+                    signal.signal(number, handler or signal.SIG_DFL)
         self.handlers = {}
 
     def clean(self):

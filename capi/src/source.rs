@@ -45,10 +45,6 @@ impl Source {
     /// Sleeps for `time` and sends heartbeats. [`Code::Ok`]: a scan can be taken now; [`Code::Timeout`]: not yet.
     pub(crate) fn wait(&mut self, time: Duration) -> Result<Code, Failure> {
         let begun = Instant::now();
-        // After `finish`: the next run begins.
-        if self.shell.health.state == HealthState::Stopping as u32 {
-            self.shell.health.state = HealthState::Starting as u32;
-        }
         loop {
             if self.shell.is_stopping() {
                 self.shell.state(HealthState::Stopping, Health::ASKED_TO_END)?;

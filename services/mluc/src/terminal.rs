@@ -22,8 +22,8 @@ pub fn print_at(level: Level, text: impl Display) {
     let line = if is_json { log_line("mluc", level, &text, &[]) } else { text };
     let text = line + "\n";
     let patience = if IS_STALLED.load(Relaxed) { Duration::ZERO } else { PATIENCE };
-    let written = PatientStderr(patience).write_all(text.as_bytes());
-    IS_STALLED.store(written.is_err(), Relaxed);
+    IS_STALLED.store(!PatientStderr(patience).is_ready(), Relaxed);
+    let _ = PatientStderr(Duration::ZERO).write_all(text.as_bytes());
 }
 
 /// Writes a line of the command's result to stdout.

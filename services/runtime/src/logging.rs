@@ -81,8 +81,12 @@ pub fn log_to_stderr(process: &'static str, default_filter: &str) {
     // What the default silences in libraries stays silenced, unless the words name it.
     let (_, silenced) = default_filter.split_once(',').unwrap_or_default();
     let read = |words: &String| {
-        let all = [silenced, ","][usize::from(words == "off")].to_owned() + "," + words;
-        EnvFilter::try_new(all).ok().filter(|_| !is_module(words))
+        let kept = match words.parse::<LevelFilter>() {
+            Ok(LevelFilter::OFF) => String::new(),
+            Ok(LevelFilter::ERROR) => silenced.replace("=warn", "=error"),
+            _ => silenced.to_owned(),
+        };
+        EnvFilter::try_new(kept + "," + words).ok().filter(|_| !is_module(words))
     };
     let filter = given.as_ref().and_then(read);
     if let (Some(words), None) = (&given, &filter) {

@@ -190,6 +190,10 @@ impl Shell {
             return Ok(());
         }
         self.health.run_id = self.run.id();
+        // What ended was the last run's input.
+        if self.health.state == HealthState::Stopping as u32 {
+            self.health.state = HealthState::Starting as u32;
+        }
         self.beat()
     }
 

@@ -194,6 +194,10 @@ impl Scan {
         let times_ns = self.times_ns.iter().copied();
         let first_ns = times_ns.clone().fold(f64::MAX, f64::min);
         let last_ns = times_ns.clone().fold(f64::MIN, f64::max);
+        // No return has a time.
+        if first_ns > last_ns {
+            return Ok(());
+        }
         let mut stamp_ns = 0.0;
         if last_ns > SINCE_1970_NS {
             stamp_ns = self.stamp_ns.unwrap_or(0) as f64;

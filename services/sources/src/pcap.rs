@@ -101,7 +101,7 @@ impl Capture {
         }
         let counts = self.counts();
         let parts = counts.other + counts.fragmented_lost;
-        if other.is_none() && parts > 0 && (counts.datagrams == 0 || counts.fragmented_lost > 0) {
+        if other.is_none() && parts > 0 && counts.datagrams < counts.fragmented_lost.max(1) {
             let help = "cut by the recorder (tcpdump -s 0), fragments filtered out (`udp port N` keeps only the first of each datagram), or of another kind of network?";
             let found = format!("{parts} frames that are no whole datagram: {help}");
             return refused("packets", "UDP datagrams", found);

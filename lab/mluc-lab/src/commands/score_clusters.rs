@@ -11,7 +11,8 @@ use std::path::PathBuf;
 /// Fit the layers by which the refiner scores clusters, on training scans with synthetic unknown objects, and store them in a model file.
 ///
 /// For a network with an output for the unknown (mluc-full): the layers learn to separate what it proposes on synthetic unknown objects from what it
-/// proposes elsewhere. Its other weights stay as they are. Profiles and probabilities of the old score are removed: choose them anew (evaluate model --refiner range-scaled --write-profiles).
+/// proposes elsewhere. Its other weights stay as they are. Profiles, probabilities and figures of the old score are removed: choose and
+/// measure them anew (evaluate model --refiner range-scaled --write-profiles --write-precisions).
 #[derive(Args)]
 pub(crate) struct ScoreClustersArguments {
     /// Model file.

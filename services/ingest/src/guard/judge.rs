@@ -25,6 +25,7 @@ const NEAR_MAX_M: f32 = 0.5;
 /// Scans in a narrow field whose nearest returns lie beyond the first number, and the farthest less than so many times as far, are seen from elsewhere.
 const MAP_MIN: f32 = 30.0;
 const MAP_FACTOR: f32 = 3.0;
+const LEVEL_FACTOR: f32 = 1.5;
 /// A wall may fill a field this narrow.
 const NARROW_DEG: f32 = 100.0;
 /// Tolerances against the given sensor: beams (share of spacing; degrees), fields (degrees), beam count, column step (factors), height (m). Guesses.
@@ -101,7 +102,10 @@ impl Expected {
         // All returns above or below the sensor: heights above the sea, for instance.
         let [top_deg, bottom_deg] = found.vertical_field_deg;
         let is_one_sided = bottom_deg > 0.0 || top_deg < 0.0;
-        let is_off_height = is_one_sided && nearest.min(found.range_nearest_m) > MAP_MIN;
+        // Far off, the estimate takes them for another unit; but real scans in one spread over more than half of their range.
+        let is_level = found.range_longest_m < LEVEL_FACTOR * found.range_nearest_m;
+        let is_far_off = nearest > MAP_MIN && (found.range_nearest_m > MAP_MIN || is_level);
+        let is_off_height = is_one_sided && is_far_off;
         if is_far && is_alike && sees_all || is_off_height {
             add(true, Reason::Map(nearest));
             return;

@@ -129,10 +129,12 @@ fn columns_and_a_field_that_are_not_the_given_sensors_are_told() {
 #[test]
 fn scans_from_elsewhere_in_another_unit_or_with_returns_at_one_place_are_told() {
     type Change = fn(usize, [f32; 3]) -> [f32; 3];
-    let cases: [(Change, &str); 7] = [
+    let cases: [(Change, &str); 9] = [
         (|_, [x, y, z]| [x + 200.0, y + 90.0, z], "map coordinates"),
         (|_, [x, y, z]| [x, y, z + 130.0], "map coordinates"),
         (|_, [x, y, z]| [x, y, z - 130.0], "map coordinates"),
+        (|_, [x, y, z]| [x, y, z + 520.0], "map coordinates"),
+        (|_, [x, y, z]| [x, y, z - 2600.0], "map coordinates"),
         (|_, at| at.map(|v| v * 0.01), "scaled twice"),
         (|i, at| [at, [5.0; 3]][i % 2], "lie at one place"),
         (|i, at| [at, [3e38; 3]][usize::from(i % 200 == 0)], ""),

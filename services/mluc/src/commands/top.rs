@@ -101,8 +101,7 @@ impl Complaints {
         });
         for words in of_all.into_iter().chain(of_stages) {
             // One complaint whose numbers change stays one.
-            let kind =
-                |text: &str| text.split(|c: char| c.is_ascii_digit()).next().map(str::to_owned);
+            let kind = |text: &str| text.replace(|c: char| c.is_ascii_digit() || c == '.', "");
             self.0.retain(|(_, shown)| kind(shown) != kind(&words));
             self.0.push((time_of_day(wall_clock_ns()), words));
         }

@@ -22,9 +22,9 @@ use std::{process::Command, time::Duration};
 pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
     let stage = Stage::from_name(&args.name).context("stage")?;
     log_to_stderr(stage.name(), "info");
-    // A reload is the supervisor's: a SIGHUP to all processes of the pipeline does nothing here.
-    let _ignored = mluc_runtime::reload_flag()?;
     if let Some(parent) = args.supervised_by {
+        // A reload is the supervisor's: a SIGHUP to all processes of the pipeline does nothing here.
+        let _ignored = mluc_runtime::reload_flag()?;
         end_with(parent)?;
     }
     let mut settings = Resolved::of(args.pipeline, true)?.settings;

@@ -16,7 +16,8 @@ static LOST: AtomicU64 = AtomicU64::new(0);
 pub struct PatientStderr(pub Duration);
 
 impl PatientStderr {
-    fn is_ready(self) -> bool {
+    /// Whether the reader takes a write now or within this time.
+    pub fn is_ready(self) -> bool {
         let stderr = io::stderr();
         let mut ends = [PollFd::new(&stderr, PollFlags::OUT)];
         let patience = Timespec::try_from(self.0).ok();

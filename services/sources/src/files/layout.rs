@@ -175,7 +175,7 @@ impl Layout {
                 let is_seconds = is_float && moment.abs() < SECONDS_MAX;
                 let unit_ns = if is_seconds { 1e9 } else { 1.0 };
                 // A missing return has no time.
-                let is_return = x != 0.0 || y != 0.0 || z != 0.0;
+                let is_return = [x, y, z] != [0.0; 3] && (x + y + z).is_finite();
                 scan.times_ns.push(if is_return { moment * unit_ns } else { f64::NAN });
             }
             let numbers = placed([x, y, z, intensity]).map(f32::to_le_bytes);
