@@ -1,11 +1,10 @@
 //! The header that every message carries: which frame, what happened to it, and when.
 
 use crate::error::{Result, check_equal, check_version, require};
-use crate::{ContractError, NAME_MAX, RunDescription, Text, WIRE_VERSION, text::values};
+use crate::{ContractError, NAME_MAX, Text, WIRE_VERSION, text::values};
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
-use std::ops::Range;
 
 /// The stages in the order a frame meets them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -227,23 +226,6 @@ impl FrameHeader {
     /// Refuses a message of another wire version.
     pub fn checked(&self) -> Result<&FrameHeader> {
         check_version(self.wire_version)?;
-        Ok(self)
-    }
-
-    /// Refuses a message of another wire version, run or model, and a sequence outside of `sequences`: from the last one
-    /// seen (a frame may be sent again) to what ingest has sent.
-    pub fn checked_in(&self, run: &RunDescription, sequences: Range<u64>) -> Result<&FrameHeader> {
-        self.checked()?;
-        let (expected, found) = (run.run_id, self.run_id);
-        let other = ContractError::OtherRun { expected, found };
-        require(found == expected, other)?;
-        // While a run changes its model, frames of both models are valid.
-        if self.model_fingerprint == 0 || self.model_fingerprint != run.other_model_fingerprint {
-            self.check_model(run.model_fingerprint)?;
-        }
-        let (Range { start: first, end }, found) = (sequences, self.sequence);
-        let is_sent = (first..end).contains(&found);
-        require(is_sent, ContractError::Sequence { first, end, found })?;
         Ok(self)
     }
 

@@ -1,12 +1,14 @@
-//! The data that apply to all frames of one run of a pipeline.
+//! The data that apply to all frames of one run of a pipeline, and which frames belong to it.
 
 use crate::error::{Result, check_value, check_version, require};
 use crate::{
-    CLASS_NAME_MAX, CLASSES_MAX, ContractError, GateKind, MEANING_MAX, RUN_NAME_MAX, Text,
+    CLASS_NAME_MAX, CLASSES_MAX, ContractError, FrameHeader, GateKind, MEANING_MAX, RUN_NAME_MAX,
+    Text,
 };
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
+use std::ops::Range;
 
 /// The one message of the topic `run`: what a stage or a consumer must know besides the frames.
 ///
@@ -90,6 +92,25 @@ impl RunDescription {
     /// The model's name; `?` when it is not UTF-8.
     pub fn model_name(&self) -> &str {
         Text::unpack(&self.model_name).unwrap_or("?")
+    }
+}
+
+impl FrameHeader {
+    /// Refuses a message of another wire version, run or model, and a sequence outside of `sequences`: from the last one
+    /// seen (a frame may be sent again) to what ingest has sent.
+    pub fn checked_in(&self, run: &RunDescription, sequences: Range<u64>) -> Result<&FrameHeader> {
+        self.checked()?;
+        let (expected, found) = (run.run_id, self.run_id);
+        let other = ContractError::OtherRun { expected, found };
+        require(found == expected, other)?;
+        // While a run changes its model, frames of both models are valid.
+        if self.model_fingerprint == 0 || self.model_fingerprint != run.other_model_fingerprint {
+            self.check_model(run.model_fingerprint)?;
+        }
+        let (Range { start: first, end }, found) = (sequences, self.sequence);
+        let is_sent = (first..end).contains(&found);
+        require(is_sent, ContractError::Sequence { first, end, found })?;
+        Ok(self)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::{
     Element, Epilogue, Gather, Level, Weights,
-    simd::{BLOCK, Kernel, Lists, Operand, Room, Simd, Sum, clamp, convolve_tiles},
+    simd::{BLOCK, Kernel, Lists, Products, Room, Simd, Sum, clamp},
     weights::{PANEL_MAX, Panel, panels},
 };
 use std::ops::Range;
@@ -126,34 +126,6 @@ impl<I: Element, O: Element> Kernel for Block<'_, I, O> {
             };
             I::accumulate(self.job.level, products);
             self.finish(panel, &bias[..panel.used], sums);
-        }
-    }
-}
-
-/// The products of a block and a panel.
-pub struct Products<'a, 'b, I: Operand> {
-    input: &'a [I],
-    weights: &'a Weights<I>,
-    panel: Panel,
-    lists: &'a mut Lists<'b>,
-    sums: &'a mut [I::Sum],
-}
-
-impl<I: Operand> Kernel for Products<'_, '_, I> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, simd: S) {
-        let (weights, panel) = (self.weights, self.panel);
-        let (taps, cin, width) = (weights.taps, weights.cin, panel.width);
-        let size = I::tap_rows(cin) * width;
-        let mut tap = 0;
-        while tap < taps && cin > 0 {
-            let listed = self.lists.at_taps_from(simd, tap);
-            let next = tap + listed.taps();
-            let weights = &weights.panel(panel)[tap * size..next * size];
-            convolve_tiles(simd, self.input, cin, listed, weights, width, self.sums);
-            tap = next;
         }
     }
 }

@@ -6,7 +6,6 @@
 //! 3x3 layer of stride 1 in f32 or i16, [`convolve_winograd`] computes tiles with less than half of the products.
 
 mod convolve;
-mod element;
 mod gather;
 mod gradient;
 mod simd;
@@ -14,10 +13,9 @@ mod weights;
 mod winograd;
 
 pub use convolve::{convolve, convolve_at};
-pub use element::{Bf16, Element};
 pub use gather::{ABSENT, Gather};
 pub use gradient::{Trainable, weight_gradient};
-pub use simd::{Level, Tiled, at_best};
+pub use simd::{Bf16, Element, Level, Tiled, at_best};
 pub use weights::Weights;
 pub use winograd::{WeightsWinograd, WinogradTiles, convolve_winograd};
 

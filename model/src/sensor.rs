@@ -148,35 +148,7 @@ impl SensorProfile {
 
     /// Checks that every number is in its range; the error names the field, the expected range and the found value.
     fn check(&self) -> Result<(), String> {
-        let beams = self.elevations_deg.len();
-        let within = |field: &str, value: f32, low: f32, high: f32| {
-            let fine = (low..=high).contains(&value);
-            let fault = || format!("{field}: expected {low} to {high}, found {value}");
-            fine.then_some(()).ok_or_else(fault)
-        };
-        within("elevations_deg (beams)", beams as f32, 1.0, 256.0)?;
-        for (list, found) in [
-            ("azimuth_offsets_deg", self.azimuth_offsets_deg.len()),
-            ("origin_heights_m", self.origin_heights_m.len()),
-        ] {
-            if found != 0 && found != beams {
-                return Err(format!("{list}: expected none or {beams}, found {found}"));
-            }
-        }
-        for &elevation in &self.elevations_deg {
-            within("elevations_deg", elevation, -90.0, 90.0)?;
-        }
-        let mut pairs = self.elevations_deg.array_windows();
-        if let Some([upper, lower]) = pairs.find(|[upper, lower]| upper < lower) {
-            let found = format!("found {lower} after {upper}");
-            return Err(format!("elevations_deg: expected from the top down, {found}"));
-        }
-        for &offset in &self.azimuth_offsets_deg {
-            within("azimuth_offsets_deg", offset, -360.0, 360.0)?;
-        }
-        for &height_m in &self.origin_heights_m {
-            within("origin_heights_m", height_m, -1.0, 1.0)?;
-        }
+        let beams = self.check_beams()?;
         within("azimuth_step_deg", self.azimuth_step_deg, 0.003, 2.0)?;
         let [middle, width] = self.field_deg.unwrap_or([0.0, 360.0]);
         within("field_deg (middle)", middle, -180.0, 180.0)?;
@@ -218,6 +190,41 @@ impl SensorProfile {
         }
         within("units", self.units.len() as f32, 0.0, 4.0)
     }
+
+    /// Checks the lists with a number for each beam; returns the number of beams.
+    fn check_beams(&self) -> Result<usize, String> {
+        let beams = self.elevations_deg.len();
+        within("elevations_deg (beams)", beams as f32, 1.0, 256.0)?;
+        for (list, found) in [
+            ("azimuth_offsets_deg", self.azimuth_offsets_deg.len()),
+            ("origin_heights_m", self.origin_heights_m.len()),
+        ] {
+            if found != 0 && found != beams {
+                return Err(format!("{list}: expected none or {beams}, found {found}"));
+            }
+        }
+        for &elevation in &self.elevations_deg {
+            within("elevations_deg", elevation, -90.0, 90.0)?;
+        }
+        let mut pairs = self.elevations_deg.array_windows();
+        if let Some([upper, lower]) = pairs.find(|[upper, lower]| upper < lower) {
+            let found = format!("found {lower} after {upper}");
+            return Err(format!("elevations_deg: expected from the top down, {found}"));
+        }
+        for &offset in &self.azimuth_offsets_deg {
+            within("azimuth_offsets_deg", offset, -360.0, 360.0)?;
+        }
+        for &height_m in &self.origin_heights_m {
+            within("origin_heights_m", height_m, -1.0, 1.0)?;
+        }
+        Ok(beams)
+    }
+}
+
+fn within(field: &str, value: f32, low: f32, high: f32) -> Result<(), String> {
+    let fine = (low..=high).contains(&value);
+    let fault = || format!("{field}: expected {low} to {high}, found {value}");
+    fine.then_some(()).ok_or_else(fault)
 }
 
 #[cfg(test)]

@@ -48,6 +48,7 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod cover;
+mod element;
 mod level;
 mod list;
 #[cfg(target_arch = "aarch64")]
@@ -59,13 +60,14 @@ mod tiles;
 mod winograd;
 
 pub(crate) use aligned::{Aligned, AlignedArray, LINE, Room};
+pub use element::{Bf16, Element};
 pub use level::{Level, at_best};
 pub(crate) use list::{BLOCK, Lists};
 pub(crate) use operand::{Operand, Sum};
 pub(crate) use rows::Rows;
-pub(crate) use tiles::{convolve_tiles, gradient_tiles};
+pub(crate) use tiles::{Products, gradient_tiles};
 pub use winograd::Tiled;
-pub(crate) use winograd::{Output, TILES_MAX, WINDOWS, Windows};
+pub(crate) use winograd::{Output, PLACES, TILES_MAX, WINDOWS, Windows};
 
 /// Vector registers. A value of the implementing type is the proof that the processor has them.
 ///

@@ -5,19 +5,20 @@
 //! rows), independent of its tile's shape: the bits depend neither on the shapes nor on the threads.
 
 use super::{
-    LINE, Operand, Rows, Simd,
+    Kernel, LINE, Lists, Operand, Rows, Simd,
     cover::{Tile, cover},
     list::Listed,
     load,
     operand::{multiply, step},
     store,
 };
+use crate::weights::{Panel, Weights};
 
 /// `sums[pair.row] += input[pair.input] * weights of the tap`, for each listed pair; sums in i32 modulo 2^32.
 ///
 /// `input`: rows of `cin`. `weights`: `[I::tap_rows(cin)][width]` for each listed tap. `sums`: rows of `width`. No two pairs of a tap have the same row.
 #[inline(always)]
-pub(crate) fn convolve_tiles<I: Operand, S: Simd>(
+fn convolve_tiles<I: Operand, S: Simd>(
     simd: S,
     input: &[I],
     cin: usize,
@@ -77,6 +78,34 @@ impl<I: Operand> Tile for Convolve<'_, I> {
                 weights = weights.wrapping_add(I::tap_rows(self.cin) * self.width);
             }
             store_tile::<I, S, R, V>(sums, totals);
+        }
+    }
+}
+
+/// The products of a block and a panel.
+pub struct Products<'a, 'b, I: Operand> {
+    pub(crate) input: &'a [I],
+    pub(crate) weights: &'a Weights<I>,
+    pub(crate) panel: Panel,
+    pub(crate) lists: &'a mut Lists<'b>,
+    pub(crate) sums: &'a mut [I::Sum],
+}
+
+impl<I: Operand> Kernel for Products<'_, '_, I> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        let (weights, panel) = (self.weights, self.panel);
+        let (taps, cin, width) = (weights.taps, weights.cin, panel.width);
+        let size = I::tap_rows(cin) * width;
+        let mut tap = 0;
+        while tap < taps && cin > 0 {
+            let listed = self.lists.at_taps_from(simd, tap);
+            let next = tap + listed.taps();
+            let weights = &weights.panel(panel)[tap * size..next * size];
+            convolve_tiles(simd, self.input, cin, listed, weights, width, self.sums);
+            tap = next;
         }
     }
 }

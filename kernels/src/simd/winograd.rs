@@ -1,14 +1,14 @@
 //! The transforms and products of Winograd's F(2x2, 3x3) in registers, and the memory between them.
 
 use super::{
-    AlignedArray, Kernel, LINE, Level, Simd, Sum, clamp,
+    AlignedArray, Element, Kernel, LINE, Level, Simd, Sum, clamp,
     cover::{Tile, cover},
     load,
     operand::multiply,
     store,
     tiles::store_tile,
 };
-use crate::{ABSENT, Element, weights::PANEL_MAX, winograd::PLACES};
+use crate::{ABSENT, weights::PANEL_MAX};
 use std::{marker::PhantomData, mem::MaybeUninit, ops::Range};
 
 /// A type of values that a layer by Winograd tiles can multiply.
@@ -64,6 +64,8 @@ impl Tiled for i16 {
     }
 }
 
+/// Input rows of a tile's window, and places of the transformed product.
+pub(crate) const PLACES: usize = 16;
 /// Room for transformed windows, in values: 384 KiB in f32; a whole chunk with 128 channels, or one step of a chunk with 512.
 pub(crate) const WINDOWS: usize = 96 * 1024;
 /// Maximum number of tiles in a chunk: with its sums it fits a second-level cache of 1 MiB. Measured: chunks of 24 and 16 are slower.

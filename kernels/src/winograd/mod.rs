@@ -11,7 +11,7 @@ mod weights;
 
 use crate::{
     Element, Epilogue, Level, Weights,
-    simd::{Kernel, Output, Simd, TILES_MAX, Tiled, WINDOWS, Windows},
+    simd::{Kernel, Output, PLACES, Simd, TILES_MAX, Tiled, WINDOWS, Windows},
     weights::{PANEL_MAX, panels},
 };
 use std::{mem::MaybeUninit, ops::Range};
@@ -19,8 +19,6 @@ use std::{mem::MaybeUninit, ops::Range};
 pub use tiles::WinogradTiles;
 pub use weights::WeightsWinograd;
 
-/// Input rows of a tile's window, and places of the transformed product.
-pub(crate) const PLACES: usize = 16;
 /// Chunk sizes are multiples of this, and so of the heights of most register tiles (4, 6, 12).
 const CHUNK_STEP: usize = 12;
 /// Approximate number of tiles per task: two chunks, so that two threads can share the work of a small scan. A guess.

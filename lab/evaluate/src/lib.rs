@@ -38,13 +38,16 @@ pub(crate) use difficulty::Metric;
 pub use error::{EvaluateError, Result};
 pub use frame::{FrameTruth, LabelledFrame, SensorDetection};
 pub use mluc_ipc_types::ObjectKind;
-pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS};
+pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures};
 pub use operating::Operating;
 pub use paired::paired;
 pub use report::{ApEntry, ApReport, ClassReport, evaluate, render};
 pub use rings::FrameRings;
 pub use rule::{
-    ClassRule, RuleRequest, UNKNOWN, UnknownProtocol, rules, unevaluated, unrecognized,
+    ClassRule, RuleRequest, UNKNOWN_IOUS, UnknownProtocol, rules, unevaluated, unrecognized,
 };
 pub use sweep::{Honest, JudgedPoint, KNOWN_KEPT_MIN, SweepPoint, best_index, honest};
 pub use tracks::Tracks;
+
+/// Name of the class into which all unknown classes are merged.
+pub const UNKNOWN: &str = "unknown";

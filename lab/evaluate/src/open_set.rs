@@ -2,15 +2,12 @@
 //! their harmonic mean, and the number of unknown objects detected as known ones (absolute open-set error; Dhamija et al., WACV 2020).
 
 use crate::{AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind};
-use crate::{curve::Curve, frame::score_of, matching::match_frame};
+use crate::{UNKNOWN_IOUS, curve::Curve, frame::score_of, matching::match_frame};
 use mluc_dataset::Label;
 use mluc_geometry::{Random, iou_3d, mean_and_spread, mix, resample};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-
-/// Overlaps for the unknown: the paper's 0.1 first, then two that show how well the boxes fit.
-pub const UNKNOWN_IOUS: [f64; 3] = [0.1, 0.25, 0.5];
 
 /// Average precision of a known class (3D boxes, moderate).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

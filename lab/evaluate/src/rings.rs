@@ -8,7 +8,7 @@ use crate::LabelledFrame;
 use mluc_dataset::Label;
 use mluc_geometry::{Box3, Calibration, Inside, quantile_of};
 use mluc_ingest::estimate::Estimator;
-use mluc_ipc_types::Point;
+use mluc_ipc_types::{POINTS_MAX, Point};
 
 /// Share of the distance between beams: larger than the variation of a beam within an object, smaller than the distance to the next beam.
 const GAP_SHARE: f64 = 0.25;
@@ -65,6 +65,10 @@ fn count_rings(shape: &Box3, points: &[Point], gap_deg: f64) -> usize {
     elevations.sort_unstable_by(f64::total_cmp);
     let cuts = elevations.windows(2).filter(|w| w[1] - w[0] > gap_deg);
     cuts.count() + usize::from(!elevations.is_empty())
+}
+
+pub(crate) fn finite_points(scan: &[[f32; 4]]) -> Vec<Point> {
+    bytemuck::cast_slice(scan).iter().copied().filter(Point::is_finite).take(POINTS_MAX).collect()
 }
 
 #[cfg(test)]

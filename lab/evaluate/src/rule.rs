@@ -1,12 +1,12 @@
 //! Which labels and detections count for a class.
 
-use crate::{Difficulty, EvaluateError, LabelledFrame, ObjectKind, Result, UNKNOWN_IOUS};
+use crate::{Difficulty, EvaluateError, LabelledFrame, ObjectKind, Result, UNKNOWN};
 use clap::{Args, ValueEnum};
 use mluc_dataset::{Label, is_recognized};
 use std::collections::BTreeSet;
 
-/// Name of the class into which all unknown classes are merged.
-pub const UNKNOWN: &str = "unknown";
+/// Overlaps for the unknown: the paper's 0.1 first, then two that show how well the boxes fit.
+pub const UNKNOWN_IOUS: [f64; 3] = [0.1, 0.25, 0.5];
 /// The devkit's classes with the overlap that it requires.
 const KITTI_CLASSES: [(&str, f64); 3] = [("car", 0.7), ("pedestrian", 0.5), ("cyclist", 0.5)];
 

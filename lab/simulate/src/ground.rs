@@ -4,47 +4,9 @@
 //! middle; the sensor is at u = 0, v = `lane_m`.
 
 use super::mesh::{Mesh, V3, solid, v};
-use super::{Family, place::Room, place::besides_streets, random::Dice, sensor::HEIGHT_M};
+use super::place::{Place, Room, besides_streets};
+use super::{Family, random::Dice, sensor::HEIGHT_M};
 use std::f32::consts::TAU;
-
-/// Kind of place of the scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Place {
-    /// Houses close to the road, parked rows.
-    Urban,
-    /// Gardens, hedges, trees.
-    Suburb,
-    /// Yards, fences, containers.
-    Industrial,
-    /// A wide paved square or parking place without kerbs.
-    Plaza,
-    /// Rows of parked cars with lanes between them, open or covered.
-    CarPark,
-    /// An open paved yard: containers, pallets, machines, piles.
-    Depot,
-    /// The inside of a hall or a warehouse.
-    Hall,
-    /// A path in a park or through rough ground.
-    Path,
-}
-
-impl Place {
-    /// Range of half the drivable width where the place is no road, m.
-    fn half_width_m(self) -> Option<[f32; 2]> {
-        match self {
-            Place::Plaza => Some([14.0, 26.0]),
-            Place::CarPark => Some([20.0, 36.0]),
-            Place::Depot => Some([12.0, 28.0]),
-            Place::Path => Some([1.0, 2.0]),
-            _ => None,
-        }
-    }
-
-    /// Whether the place has kerbs and pavements.
-    pub(crate) fn is_street(self) -> bool {
-        matches!(self, Place::Urban | Place::Suburb | Place::Industrial)
-    }
-}
 
 /// Shape of the ground of one scene.
 pub(crate) struct Ground {

@@ -5,10 +5,10 @@
 
 pub(crate) mod places;
 
-use super::ground::{Ground, Place};
 use super::objects::{Habit, Model, build, mean_size_m};
 use super::synthetic_unknown::{has_known_size, is_large};
-use super::{Class, ExportOptions, Family, Split, Unseen, footprint::Footprint, random::Dice};
+use super::{Class, ExportOptions, Family, Split, Unseen, footprint::Footprint, ground::Ground};
+use super::{place::Place, random::Dice};
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 /// An object in the scene: its model, and its footprint in the sensor frame.

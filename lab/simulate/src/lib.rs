@@ -17,6 +17,7 @@ mod labels;
 mod layout;
 mod mesh;
 mod objects;
+mod options;
 mod place;
 mod random;
 mod realism;
@@ -26,8 +27,9 @@ mod sensor;
 pub mod synthetic_unknown;
 
 pub use drawn::rays;
-pub use export::{ExportOptions, export};
+pub use export::export;
 pub use mluc_sources::shard;
+pub use options::ExportOptions;
 pub use realism::Step;
 
 use mluc_dataset::{DatasetError, SYNTHETIC_UNKNOWN};

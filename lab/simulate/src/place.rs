@@ -1,9 +1,48 @@
 //! The places of `sim-any` other than streets: how often each occurs, and the room of some of them.
 
-use super::{ground::Place, random::Dice};
+use super::random::Dice;
 
 /// Sensors below this height are on small robots, m.
 pub(crate) const ROBOT_M: f32 = 1.35;
+
+/// Kind of place of the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Place {
+    /// Houses close to the road, parked rows.
+    Urban,
+    /// Gardens, hedges, trees.
+    Suburb,
+    /// Yards, fences, containers.
+    Industrial,
+    /// A wide paved square or parking place without kerbs.
+    Plaza,
+    /// Rows of parked cars with lanes between them, open or covered.
+    CarPark,
+    /// An open paved yard: containers, pallets, machines, piles.
+    Depot,
+    /// The inside of a hall or a warehouse.
+    Hall,
+    /// A path in a park or through rough ground.
+    Path,
+}
+
+impl Place {
+    /// Range of half the drivable width where the place is no road, m.
+    pub(crate) fn half_width_m(self) -> Option<[f32; 2]> {
+        match self {
+            Place::Plaza => Some([14.0, 26.0]),
+            Place::CarPark => Some([20.0, 36.0]),
+            Place::Depot => Some([12.0, 28.0]),
+            Place::Path => Some([1.0, 2.0]),
+            _ => None,
+        }
+    }
+
+    /// Whether the place has kerbs and pavements.
+    pub(crate) fn is_street(self) -> bool {
+        matches!(self, Place::Urban | Place::Suburb | Place::Industrial)
+    }
+}
 
 /// A building around the sensor, in the road frame: it extends `half_width_m` from the middle of the road to both sides.
 #[derive(Clone, Debug)]

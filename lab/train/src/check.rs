@@ -5,7 +5,7 @@ use crate::{
     log::TrainEvent,
     settings::TrainSettings,
     source::ScanSource,
-    synthetic_unknown::stands_for_unknown,
+    source::stands_for_unknown,
 };
 use mluc_dataset::{Dataset, calibration_hash, check_classes, check_files, data_hash};
 use mluc_model::CLASSES_MAX;

@@ -4,7 +4,7 @@
 //! Sizes are varied during the fit, so that the scorer separates bodies from walls and leaves instead of learning sizes. Extension of the paper.
 
 use crate::optimizer::{Adam, Schedule};
-use crate::{error::TrainError, mlp::Mlp, synthetic_unknown::stands_for_unknown};
+use crate::{error::TrainError, mlp::Mlp, source::stands_for_unknown};
 use mluc_backbone::Precision;
 use mluc_dataset::Label;
 use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, ModelGate, detect_frames};

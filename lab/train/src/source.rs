@@ -1,13 +1,20 @@
 //! Labelled scans by number, from a folder in KITTI's format.
 
+use crate::error::TrainError;
 use crate::scan::{LabelledObject, LabelledScan};
-use crate::{error::TrainError, synthetic_unknown::stands_for_unknown};
-use mluc_dataset::Dataset;
+use mluc_dataset::{Dataset, Label, SYNTHETIC_UNKNOWN};
 use mluc_geometry::Box3;
 use mluc_model::VoxelInput;
 
 /// Maximum occlusion level of a label that is pasted: a less visible object shows little of its shape.
 const OCCLUDED_MAX: i32 = 2;
+
+/// Whether a label represents the unknown: a synthetic unknown object, or a common class (car, pedestrian, cyclist) that the network does not learn.
+pub(crate) fn stands_for_unknown(label: &Label, classes: &[String]) -> bool {
+    let usual = ["car", "pedestrian", "cyclist"].into_iter();
+    let mut unlearned = usual.filter(|usual| !classes.iter().any(|class| class == usual));
+    label.is(SYNTHETIC_UNKNOWN) || unlearned.any(|class| label.is(class))
+}
 
 /// A folder, and the rule for its labels in training.
 #[derive(Clone, Debug)]

@@ -5,7 +5,6 @@
 //! mean factor, so that its points are as dense as a scan's. Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
 
 use crate::database::{Database, Sample};
-use mluc_dataset::{Label, SYNTHETIC_UNKNOWN};
 use mluc_geometry::{Box3, Random};
 use mluc_simulate::synthetic_unknown::{
     CUT_CHANCE, CUT_LOW, CUT_SHARE, JOIN_CHANCE, ON_ROADS, has_known_size, has_road_size,
@@ -17,13 +16,6 @@ const ANGLE_MAX_RAD: f64 = 0.5;
 const DRAWS: usize = 12;
 /// Minimum number of points of an object.
 const POINTS_MIN: usize = 8;
-
-/// Whether a label represents the unknown: a synthetic unknown object, or a common class (car, pedestrian, cyclist) that the network does not learn.
-pub(crate) fn stands_for_unknown(label: &Label, classes: &[String]) -> bool {
-    let usual = ["car", "pedestrian", "cyclist"].into_iter();
-    let mut unlearned = usual.filter(|usual| !classes.iter().any(|class| class == usual));
-    label.is(SYNTHETIC_UNKNOWN) || unlearned.any(|class| label.is(class))
-}
 
 /// An object in its own frame: origin at the middle of its bottom, x along its heading.
 struct Local {

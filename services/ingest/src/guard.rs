@@ -1,7 +1,7 @@
 //! Checks that the input fits the model and the given sensor. "No boxes and no error" is the commonest complaint about
 //! detectors; it has few causes, and scans show most of them.
 
-pub(crate) mod judge;
+mod judge;
 mod reason;
 #[cfg(test)]
 mod tests;

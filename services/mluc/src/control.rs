@@ -8,6 +8,9 @@ use mluc_runtime::Instance;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeSet, os::unix::fs::MetadataExt, path::PathBuf, time::SystemTime};
 
+/// The role of the supervisor in the instance.
+pub(crate) const ROLE: &str = "pipeline";
+
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Control {
     /// Indices of scans that kill stages: an empty frame takes the place of each.

@@ -6,9 +6,7 @@ use mluc_ipc_types::{Disposition, Point};
 
 /// Intersection over the smaller area above which the weaker unknown object is suppressed.
 const OVERLAP_MAX: f64 = 0.5;
-/// Only known objects with at least this score suppress.
-pub(crate) const KNOWN_SCORE_MIN: f32 = 0.5;
-/// Points at most this far outside the box of such an object still belong to it, m: the noise of box and points.
+/// Points at most this far outside the box of a sure known object still belong to it, m: the noise of box and points.
 pub(crate) const KNOWN_MARGIN_M: f64 = 0.1;
 /// An unknown object is suppressed when more than this share of its points lies in one such known box.
 const KNOWN_POINTS_SHARE: f64 = 0.5;

@@ -1,6 +1,6 @@
 //! The head's proposals and what becomes of them: one for each detection, in the detections' order, then the second readings.
 
-use crate::{clusters::Measures, fit::Footprint, merge::KNOWN_SCORE_MIN};
+use crate::{clusters::Measures, fit::Footprint};
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, Disposition, GateKind, NO_PROBABILITY, Object, ObjectKind};
 
@@ -44,6 +44,8 @@ pub(crate) fn reach_m(shape: &Box3) -> f64 {
     (shape.half_diagonal_m() * ENLARGED).clamp(4.0, 10.0)
 }
 
+/// Only known objects with at least this score suppress.
+const KNOWN_SCORE_MIN: f32 = 0.5;
 /// Coordinates and sizes beyond this are invalid, m.
 const FAR_M: f32 = 1e4;
 

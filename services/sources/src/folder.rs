@@ -2,7 +2,7 @@
 
 use crate::files::{self, Format, Layout};
 use crate::motion::{NO_TIMES, Trajectory};
-use crate::{Scan, SourceError, ending, merged::pose as pose_of, refused};
+use crate::{Scan, SourceError, ending, motion::pose as pose_of, refused};
 use anyhow::{Context, bail, ensure};
 use mluc_ipc_types::{EgoPose, Flags};
 use std::{fs, fs::File, io::Read, path::Path, path::PathBuf};

@@ -1,6 +1,6 @@
 //! Scans from a live sensor: a thread receives its packets and keeps the newest turn for the pipeline.
 
-use crate::packets::{Calibration, Detector};
+use crate::packets::{Calibration, Counts, Detector, LOOKS_MAX};
 use crate::{LiveScans, Next, Scan, SourceError};
 use crate::{capture::CLOCK, capture::calibration, files::Layout, udp::Receiver, udp::now_ns};
 use anyhow::{Context, bail};
@@ -19,8 +19,6 @@ const PAUSE_MS: u64 = 500;
 const NO_TURN: Duration = Duration::from_secs(3);
 /// Shortest time between two log lines about missing packets.
 const TELL: Duration = Duration::from_secs(10);
-/// Number of datagrams that are checked for a known sensor: some seconds of any sensor's data.
-pub(crate) const LOOKS_MAX: u32 = 20_000;
 /// How long a wait for the next turn takes at most: ingest must report to the pipeline in between.
 pub(crate) const PATIENCE: Duration = Duration::from_millis(20);
 /// Prefix of an input that is an address.
@@ -190,17 +188,22 @@ impl Listener {
                 turned = Instant::now();
                 tracing::warn!("packets come, but no turn has ended for {NO_TURN:?}: {CLOCK}");
             }
-            let dropped = self.receiver.dropped;
-            let missing = counts.lost + counts.damaged + u64::from(dropped);
-            // Another decoder counts from 0.
-            told.1 = told.1.min(missing);
-            if missing > told.1 && told.0.elapsed() > TELL {
-                told = (Instant::now(), missing);
-                let (lost, damaged, other) = (counts.lost, counts.damaged, counts.other_traffic);
-                tracing::warn!(lost, damaged, other, dropped, "packets are missing");
-            }
+            self.warn_of_missing(counts, &mut told);
         }
         Ok(())
+    }
+
+    /// Logs that packets are missing. `told`: when that was last logged, and how many were missing.
+    fn warn_of_missing(&self, counts: Counts, told: &mut (Instant, u64)) {
+        let dropped = self.receiver.dropped;
+        let missing = counts.lost + counts.damaged + u64::from(dropped);
+        // Another decoder counts from 0.
+        told.1 = told.1.min(missing);
+        if missing > told.1 && told.0.elapsed() > TELL {
+            *told = (Instant::now(), missing);
+            let (lost, damaged, other) = (counts.lost, counts.damaged, counts.other_traffic);
+            tracing::warn!(lost, damaged, other, dropped, "packets are missing");
+        }
     }
 
     /// Keeps the newest turn only: it replaces a turn that was not fetched.

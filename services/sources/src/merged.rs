@@ -3,10 +3,10 @@
 //! Packets are matched by their time of arrival, which is one clock for all sensors; recordings by the stamps of their messages; folders by
 //! `timestamps.txt`, followed ones by the files' times; inputs without stamps by number. Each scan is in one frame at most.
 
-use crate::{Kind, Next, Open, Scan, Source, files::Layout, recording::LOOKS_MAX};
+use crate::{Kind, Next, Open, Scan, Source, files::Layout, motion::pose, recording::LOOKS_MAX};
 use anyhow::{Context, ensure};
 use mluc_ipc_types::{EgoPose, Flags};
-use nalgebra::{IsometryMatrix3, Point3, Rotation3, Translation3};
+use nalgebra::{IsometryMatrix3, Point3};
 use serde::{Deserialize, Serialize};
 use std::{path::PathBuf, time::Duration, time::Instant};
 
@@ -267,11 +267,6 @@ impl Part {
 /// The time by which scans are merged.
 fn time_ns_of(scan: &Scan) -> Option<u64> {
     scan.received_ns.or(scan.stamp_ns)
-}
-
-pub(crate) fn pose([x, y, z, roll_rad, pitch_rad, yaw_rad]: [f64; 6]) -> IsometryMatrix3<f64> {
-    let rotation = Rotation3::from_euler_angles(roll_rad, pitch_rad, yaw_rad);
-    IsometryMatrix3::from_parts(Translation3::new(x, y, z), rotation)
 }
 
 #[cfg(test)]

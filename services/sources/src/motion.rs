@@ -1,9 +1,9 @@
 //! The sensor's motion during a turn: its poses by time, from odometry or transforms, and the correction of a scan's points for it.
 
 use crate::files::{Cloud, Layout, Reader};
-use crate::{Deskew, Scan, SourceError, merged::pose};
+use crate::{Deskew, Scan, SourceError};
 use mluc_ipc_types::{EgoPose, Flags};
-use nalgebra::{IsometryMatrix3, Quaternion, Translation3, UnitQuaternion};
+use nalgebra::{IsometryMatrix3, Quaternion, Rotation3, Translation3, UnitQuaternion};
 use std::{array::from_fn, collections::BTreeMap};
 
 /// Type of transforms in ROS 2. Messages with poses are in CDR.
@@ -230,6 +230,11 @@ impl Scan {
         self.pose = Some(EgoPose::new(here.translation.vector.into(), yaw_rad, 1));
         Ok(())
     }
+}
+
+pub(crate) fn pose([x, y, z, roll_rad, pitch_rad, yaw_rad]: [f64; 6]) -> Pose {
+    let rotation = Rotation3::from_euler_angles(roll_rad, pitch_rad, yaw_rad);
+    IsometryMatrix3::from_parts(Translation3::new(x, y, z), rotation)
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! UDP datagrams of a capture file, pcap or pcapng: Ethernet with VLANs, Linux cooked, loopback or raw IP; fragments are reassembled.
 
-use crate::packets::{Calibration, Datagram, Decoder, Detector};
-use crate::{SourceError, live::LOOKS_MAX, refused};
+use crate::packets::{Calibration, Datagram, Decoder, Detector, LOOKS_MAX};
+use crate::{SourceError, refused};
 use etherparse::{NetSlice, SlicedPacket, TransportSlice, UdpSlice, defrag::IpDefragPool};
 use pcap_parser::{Linktype, PcapBlockOwned, PcapError, create_reader, traits::PcapReaderIterator};
 use std::path::{Path, PathBuf};

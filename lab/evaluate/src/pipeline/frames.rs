@@ -1,11 +1,11 @@
 //! The labelled frames on which a model is evaluated.
 
-use super::ModelGate;
+use crate::rings::finite_points;
 use crate::{EvaluateError, FrameTruth, Result, input::image_size, input::image_size_beside};
 use mluc_dataset::{Dataset, DatasetError};
 use mluc_geometry::ImageSize;
 use mluc_head::Detection;
-use mluc_ipc_types::{POINTS_MAX, Point};
+use mluc_ipc_types::Point;
 use std::path::Path;
 
 /// Frames of a data set; all of them have labels.
@@ -28,11 +28,6 @@ pub struct DetectedFrame {
 }
 
 impl DetectedFrame {
-    /// The boxes for the refiner at a threshold of the gate, in the refiner's order.
-    pub fn gated(&self, gate: ModelGate, threshold: f32) -> Vec<Detection> {
-        self.detections.iter().filter_map(|d| gate.apply(d, threshold)).collect()
-    }
-
     /// Removes the boxes of anchors that have no class.
     pub fn drop_generic(&mut self) {
         self.detections.retain(Detection::has_class);
@@ -108,8 +103,4 @@ pub fn folder_tail(folder: &Path) -> String {
 /// A scan as the first stage outputs it ([`mluc_ingest::decode_bin`]): finite points, at most the contract's maximum, in file order.
 pub fn scan_points(dataset: &Dataset, name: &str) -> Result<Vec<Point>, DatasetError> {
     Ok(finite_points(&dataset.scan(name)?))
-}
-
-pub(crate) fn finite_points(scan: &[[f32; 4]]) -> Vec<Point> {
-    bytemuck::cast_slice(scan).iter().copied().filter(Point::is_finite).take(POINTS_MAX).collect()
 }

@@ -85,7 +85,7 @@ impl ModelGate {
     }
 
     /// The box with its kind at a threshold; `None` for a box without a class that is not unknown.
-    pub(super) fn apply(self, detection: &Detection, threshold: f32) -> Option<Detection> {
+    fn apply(self, detection: &Detection, threshold: f32) -> Option<Detection> {
         let (gate_kind, threshold) = match self {
             ModelGate::Eds => (GateKind::Eds, threshold),
             ModelGate::Known => (GateKind::UnknownProbability, complement(threshold)),
@@ -122,6 +122,13 @@ impl ModelGate {
             ModelGate::Known => thresholds.unknown_min = complement(threshold),
             ModelGate::Softmax => thresholds.softmax_min = threshold,
         }
+    }
+}
+
+impl DetectedFrame {
+    /// The boxes for the refiner at a threshold of the gate, in the refiner's order.
+    pub fn gated(&self, gate: ModelGate, threshold: f32) -> Vec<Detection> {
+        self.detections.iter().filter_map(|d| gate.apply(d, threshold)).collect()
     }
 }
 

@@ -12,8 +12,8 @@ mod parts;
 mod separation;
 mod stages;
 
+pub(crate) use crate::rings::finite_points;
 pub use crate::rule::{paper_rules, unknown_classes};
-pub(crate) use frames::finite_points;
 pub use frames::{DetectedFrame, FrameSet, folder_tail, scan_points};
 pub use gate::{ModelGate, THRESHOLDS};
 pub use judge::{

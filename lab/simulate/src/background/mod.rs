@@ -9,9 +9,9 @@ mod variety;
 mod vegetation;
 mod weather;
 
-use super::ground::{Ground, Place};
 use super::mesh::{Mesh, V3, v};
-use super::{Family, Step, footprint::Footprint, layout::Layout, random::Dice, scene::Scene};
+use super::{Family, Step, footprint::Footprint, ground::Ground, layout::Layout, place::Place};
+use super::{random::Dice, scene::Scene};
 
 /// Kinds of background, for the instance file: 0x8000 + kind.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -19,6 +19,7 @@ use level::{Level, LevelFinder};
 use mluc_geometry::quantile;
 use mluc_ipc_types::Point;
 use mluc_model::BlindSector;
+pub(crate) use profile::BEAMS_FACTOR;
 pub use profile::Nearest;
 use serde::Serialize;
 use step::StepVotes;

@@ -1,7 +1,6 @@
 //! Compares an estimate with the profiles of real products, and makes a profile from the estimate.
 
 use super::SensorEstimate;
-use crate::guard::judge::BEAMS_FACTOR;
 use mluc_model::SensorProfile;
 
 /// Used where scans do not show them: shortest range, noise of a range, angle between columns. Guesses.
@@ -10,6 +9,8 @@ const RANGE_NOISE_M: f32 = 0.02;
 const AZIMUTH_STEP_DEG: f32 = 0.2;
 /// The sensor can be a product if its beams are this near to the product's, degrees; a guess.
 const PRODUCT_DEG: f32 = 0.1;
+/// Tolerance of the number of beams, as a factor; a guess.
+pub(crate) const BEAMS_FACTOR: f32 = 1.4;
 /// Products are alike if their distances differ by less than this.
 const ALIKE_DEG: f32 = 0.005;
 

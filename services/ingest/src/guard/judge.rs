@@ -1,7 +1,7 @@
 //! Compares the estimate of a scan with the model's input and the given sensor.
 
 use super::{REASONS_MAX, Reason, reason::SHARE_MAX};
-use crate::estimate::{SECTORS, SensorEstimate, Unit, Up, direction_rad};
+use crate::estimate::{BEAMS_FACTOR, SECTORS, SensorEstimate, Unit, Up, direction_rad};
 use mluc_model::{Grid, Manifest, SensorProfile, Takes, degrees_off};
 
 /// A scan with fewer measured points is not judged by its shape; a guess.
@@ -28,12 +28,11 @@ const MAP_FACTOR: f32 = 3.0;
 const LEVEL_FACTOR: f32 = 1.5;
 /// A wall may fill a field this narrow.
 const NARROW_DEG: f32 = 100.0;
-/// Tolerances against the given sensor: beams (share of spacing; degrees), fields (degrees), beam count, column step (factors), height (m). Guesses.
+/// Tolerances against the given sensor: beams (share of spacing; degrees), fields (degrees), column step (factor), height (m). Guesses.
 const BEAM_OFF_SHARE: f32 = 0.3;
 const BEAM_OFF_DEG: f32 = 0.25;
 const FIELD_OFF_DEG: f32 = 2.0;
 const AROUND_OFF_DEG: f32 = 10.0;
-pub(crate) const BEAMS_FACTOR: f32 = 1.4;
 /// The column steps of one product's modes and rates can differ by a factor of two.
 const STEP_FACTOR: f32 = 2.2;
 const HEIGHT_OFF_M: f32 = 0.3;

@@ -9,7 +9,8 @@ mod report;
 mod status;
 
 use crate::{EXIT_WARNINGS, UsageError, document, model, settings::Pace, settings::Settings};
-use crate::{cli::PipelineArgs, control::Control, model::PinnedModel, stages::begin_or_join_run};
+use crate::{cli::PipelineArgs, model::PinnedModel, stages::begin_or_join_run};
+use crate::{control::Control, control::ROLE};
 use child::{Child, Ended};
 pub(crate) use lines::LineWriter;
 use mluc_ipc_types::{
@@ -96,8 +97,6 @@ impl Outcome {
 const END_PATIENCE: Duration = Duration::from_millis(600);
 /// Number of deaths of stages that work on a scan, from which the scan is set aside.
 const KILLS_MAX: u32 = 2;
-/// The role of the supervisor in the instance.
-pub(crate) const ROLE: &str = "pipeline";
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 /// If the supervisor itself pauses for this long, nothing is known about the stages in that time.
 const PAUSE_NS: u64 = 500_000_000;

@@ -365,27 +365,8 @@ impl Facts {
         if blind > 0 && 2 * blind >= expected {
             return (Blind, no_returns());
         }
-        if self.not_finite_share > NOT_FINITE_MAX {
-            return (Blind, "hardly a point is finite".to_string());
-        }
-        if newest.flags.contains(Flags::EMPTY) {
-            return (Blind, "the scans are empty".to_string());
-        }
-        if self.sees_nothing {
-            return (Blind, "no direction has returns".to_string());
-        }
-        if !newest.is_usable {
-            let why =
-                "at most 5 % of the points or fewer than 50 are finite and in the model's range";
+        if let Some(why) = self.unusable(newest) {
             return (Blind, why.to_string());
-        }
-        for (flag, what) in
-            [(Flags::SUSPECT_UNIT, "another unit"), (Flags::SUSPECT_AXES, "other axes")]
-        {
-            if newest.flags.contains(flag) {
-                let why = format!("the scans have {what}: ingest's log says what helps");
-                return (Blind, why);
-            }
         }
         if age_ns > late_ns {
             return (Late, because("results are older than the budget allows"));
@@ -413,6 +394,23 @@ impl Facts {
             return (Degraded, why);
         }
         (Running, String::new())
+    }
+
+    /// Why the newest scans are of no use, if so.
+    fn unusable(&self, newest: Newest) -> Option<&'static str> {
+        let is = |flag| newest.flags.contains(flag);
+        let unit = "the scans have another unit: ingest's log says what helps";
+        let axes = "the scans have other axes: ingest's log says what helps";
+        let few = "at most 5 % of the points or fewer than 50 are finite and in the model's range";
+        let reasons = [
+            (self.not_finite_share > NOT_FINITE_MAX, "hardly a point is finite"),
+            (is(Flags::EMPTY), "the scans are empty"),
+            (self.sees_nothing, "no direction has returns"),
+            (!newest.is_usable, few),
+            (is(Flags::SUSPECT_UNIT), unit),
+            (is(Flags::SUSPECT_AXES), axes),
+        ];
+        reasons.into_iter().find_map(|(holds, why)| holds.then_some(why))
     }
 }
 

@@ -48,6 +48,9 @@ use hesai::Hesai;
 use sweep::Sweep;
 use velodyne::Velodyne;
 
+/// Number of datagrams that are checked for a known sensor: some seconds of any sensor's data.
+pub(crate) const LOOKS_MAX: u32 = 20_000;
+
 /// One received UDP datagram.
 #[derive(Clone, Copy, Debug)]
 pub struct Datagram<'a> {
@@ -135,8 +138,10 @@ impl<'a> Detector<'a> {
             Family::Velodyne(Velodyne::new(product, calibration)?)
         } else if let Some(layout) = hesai::recognize(payload) {
             Family::Hesai(Hesai::new(layout, calibration)?)
-        } else if let Some(metadata) = ouster::recognize(payload, calibration) {
-            Family::Ouster(metadata)
+        } else if let Some(Calibration::Ouster(metadata)) = calibration
+            && metadata.takes(payload)
+        {
+            Family::Ouster(metadata.clone())
         } else {
             if self.lengths.len() < 8 && !self.lengths.contains(&payload.len()) {
                 self.lengths.push(payload.len());

@@ -1,6 +1,6 @@
 //! Ouster's lidar packets and the metadata that they need (firmware user manual: "lidar data packet format", "coordinate frames and XYZ calculation").
 
-use super::{Calibration, Damaged, Revolution, sweep::Sweep, u16_at, u32_at};
+use super::{Damaged, Revolution, sweep::Sweep, u16_at, u32_at};
 use crate::{SourceError, refused};
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -307,13 +307,6 @@ impl Metadata {
             let [x, y, z, shift_m] = matrix[i];
             x * in_lidar_m[0] + y * in_lidar_m[1] + z * in_lidar_m[2] + shift_m
         })
-    }
-}
-
-pub(super) fn recognize(bytes: &[u8], calibration: Option<&Calibration>) -> Option<Box<Metadata>> {
-    match calibration {
-        Some(Calibration::Ouster(metadata)) if metadata.takes(bytes) => Some(metadata.clone()),
-        _ => None,
     }
 }
 

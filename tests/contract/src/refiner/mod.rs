@@ -6,10 +6,13 @@ mod player;
 mod scene;
 mod session;
 
-use crate::suite::{self, SuiteArgs, run_command, supervised};
+use crate::program::Options;
+use crate::suite::{self, Case, Suite, SuiteArgs, run_command, supervised};
 use clap::Args;
 use mluc_refiner::Variant;
+use mluc_runtime::Instance;
 use player::Player;
+use session::Session;
 use std::process::ExitCode;
 
 #[derive(Args, Clone, Debug)]
@@ -19,6 +22,22 @@ pub(crate) struct RefinerArgs {
     refiner_variant: Option<String>,
     #[command(flatten)]
     suite: SuiteArgs,
+}
+
+impl Suite for Player {
+    const CASES: &'static [Case<Session>] = cases::CASES;
+    const ASKS: &'static str = include_str!("cases/asks.txt");
+
+    fn new(instance: &Instance, options: &Options) -> anyhow::Result<Player> {
+        Player::new(instance, options)
+    }
+
+    fn ready(session: &mut Session) -> anyhow::Result<()> {
+        if !session.tested.runs() {
+            session.start()?;
+        }
+        session.player.forget_answers()
+    }
 }
 
 pub(crate) fn run(args: RefinerArgs) -> anyhow::Result<ExitCode> {

@@ -2,10 +2,10 @@
 
 use crate::refiner::answer::{check_form, check_objects};
 use crate::refiner::player::{Answer, Frame, Player};
-use crate::{program::Options, refiner::cases, suite, suite::Case, suite::Suite};
+use crate::suite;
 use anyhow::{Context, anyhow, bail};
 use mluc_ipc_types::{Health, Stage};
-use mluc_runtime::{Instance, monotonic_ns};
+use mluc_runtime::monotonic_ns;
 use std::time::Duration;
 
 /// Interval at which a wait checks its condition.
@@ -15,22 +15,6 @@ const LOOK: Duration = Duration::from_millis(20);
 pub(crate) type Reaction = Result<Box<Answer>, String>;
 
 pub(crate) type Session = suite::Session<Player>;
-
-impl Suite for Player {
-    const CASES: &'static [Case<Session>] = cases::CASES;
-    const ASKS: &'static str = include_str!("cases/asks.txt");
-
-    fn new(instance: &Instance, options: &Options) -> anyhow::Result<Player> {
-        Player::new(instance, options)
-    }
-
-    fn ready(session: &mut Session) -> anyhow::Result<()> {
-        if !session.tested.runs() {
-            session.start()?;
-        }
-        session.player.forget_answers()
-    }
-}
 
 impl Session {
     /// Starts the program anew and waits until its health says that it takes frames.

@@ -4,7 +4,7 @@ use super::{Failure, Finding, Fine, Warning};
 use mluc_ingest::estimate::{Estimator, SensorEstimate};
 use mluc_ingest::{Expected, decode_bin, inspect_bin};
 use mluc_ipc_types::{Flags, POINTS_MAX, Point};
-use mluc_sources::{Next, Open, Scan, files::Layout, idle_options};
+use mluc_sources::{Next, Open, Scan, Source, files::Layout, idle_options};
 use std::{path::Path, time::Duration, time::Instant};
 
 /// Number of scans that are examined, spread over the input.
@@ -70,14 +70,7 @@ pub(super) fn findings(
         findings.push((Warning, text));
     }
     if sees_nothing {
-        let silence = source.silence().unwrap_or_default();
-        let text = if source.is_live() && found.points == 0 {
-            format!("no scan of a known sensor came within 5 s: does it send here? {silence}")
-        } else {
-            "no returns in these scans: see the warnings above; of a .bin or .npy, does --columns name its columns?"
-                .to_string()
-        };
-        findings.push((Failure, text));
+        findings.push((Failure, about_silence(&source, found)));
     }
     let command = match reasons[..] {
         [] if !sees_nothing => command(found, expected),
@@ -85,6 +78,15 @@ pub(super) fn findings(
     };
     findings.push((Fine, format!("to use: {command}")));
     Ok(findings)
+}
+
+fn about_silence(source: &Source, found: &SensorEstimate) -> String {
+    if source.is_live() && found.points == 0 {
+        let silence = source.silence().unwrap_or_default();
+        return format!("no scan of a known sensor came within 5 s: does it send here? {silence}");
+    }
+    "no returns in these scans: see the warnings above; of a .bin or .npy, does --columns name its columns?"
+        .to_string()
 }
 
 fn about_scans(found: &SensorEstimate) -> String {

@@ -1,7 +1,7 @@
 //! When the next frame enters.
 
 use super::sender::Sender;
-use crate::{settings::Settings, supervisor::ROLE};
+use crate::{control::ROLE, settings::Settings};
 use anyhow::Context;
 use mluc_runtime::{ClaimNote, RuntimeError, monotonic_ns, wall_clock_ns};
 use std::time::Duration;
