@@ -14,7 +14,7 @@ fn oracle_kitti_eval_agrees_within_0_01() {
         scans: None,
         calibration: None,
     };
-    let input = read(&[source]).expect("frames");
+    let input = read(&[source], None).expect("frames");
     assert!(input.warnings.is_empty(), "{:?}", input.warnings);
     let rules = rules(&RuleRequest::default(), &input.frames).expect("rules");
     let found = evaluate(&input.frames, &rules).to_json();

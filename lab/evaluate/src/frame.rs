@@ -1,6 +1,6 @@
 //! Labels and detections of one scan, in one comparable form.
 
-use crate::UNKNOWN;
+use crate::{UNKNOWN, breakdown::range_m};
 use mluc_dataset::Label;
 use mluc_geometry::{Box3, Calibration, CameraBox, ImageSize};
 use mluc_ipc_types::ObjectKind;
@@ -9,6 +9,8 @@ use std::sync::Arc;
 
 /// The image box of every object where there is no camera: high enough for every difficulty.
 const IMAGE_BOX_WITHOUT_CAMERA_PX: [f64; 4] = [0.0, 0.0, 100.0, 100.0];
+/// Value of [`Label::occluded`] (unknown) with which a label counts at no difficulty.
+const NEVER_COUNTED: i32 = 3;
 
 /// A detected object, in the sensor frame. Its JSON is part of the object that the pipeline prints.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -106,4 +108,18 @@ pub struct LabelledFrame {
     pub labels: Arc<[Label]>,
     /// Detections in file order, which breaks ties in score; an unknown object is of class [`UNKNOWN`].
     pub detections: Vec<Label>,
+}
+
+impl LabelledFrame {
+    /// Leaves out what is farther than `range_max_m` in the ground plane, by the centres of the boxes: detections are removed; labels stay, but may
+    /// be found or not, so that a near detection of a far object is not wrong. Ranges are from the origin of the labels' frame: KITTI's camera, 0.3 m ahead of the sensor.
+    pub fn limit_range(&mut self, range_max_m: f64) {
+        let is_far = |object: &Label| range_m(&object.camera_box.upright()) > range_max_m;
+        self.detections.retain(|detection| !is_far(detection));
+        let mut labels = self.labels.to_vec();
+        for label in labels.iter_mut().filter(|label| is_far(label)) {
+            label.occluded = NEVER_COUNTED;
+        }
+        self.labels = labels.into();
+    }
 }

@@ -71,8 +71,9 @@ pub fn sources(
 type Lines<'a> = (&'a Path, BTreeMap<String, Vec<SensorDetection>>);
 
 /// Reads every source. A frame without detections counts as a frame with no object found, with a warning. Detections of frames
-/// without labels are left out, with a warning. A source without any detection of a labelled frame is an error.
-pub fn read(sources: &[Source]) -> Result<Input> {
+/// without labels are left out, with a warning. A source without any detection of a labelled frame is an error. `image` is the size of all
+/// images; `None`: the size of each image in `image_2` next to the labels, else the assumed size.
+pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input> {
     let mut input = Input::default();
     for source in sources {
         let labelled = file_stems(&source.labels, "txt", "label files (*.txt)")?;
@@ -90,9 +91,9 @@ pub fn read(sources: &[Source]) -> Result<Input> {
         input.counts.push(labelled.len());
         let label = |name| Ok(read_labels(&source.labels.join(format!("{name}.txt")))?);
         let labels: Vec<Vec<Label>> = labelled.iter().map(label).collect::<Result<_>>()?;
-        let image = image_size(&labels);
+        let assumed = image_size(&labels);
         for (name, labels) in labelled.iter().zip(labels) {
-            let frame = frame(source, lines.as_ref(), (name, labels), image)?;
+            let frame = frame(source, lines.as_ref(), (name, labels), image, assumed)?;
             input.frames.push(frame);
         }
     }
@@ -147,7 +148,8 @@ fn frame(
     source: &Source,
     lines: Option<&Lines>,
     (name, labels): (&str, Vec<Label>),
-    image: ImageSize,
+    image: Option<ImageSize>,
+    assumed: ImageSize,
 ) -> Result<LabelledFrame> {
     let (file, labels) = (format!("{name}.txt"), labels.into());
     let Some((calibrations, frames)) = lines else {
@@ -160,7 +162,7 @@ fn frame(
     let truth = FrameTruth {
         labels,
         calibration: read_calibration(&calibrations.join(file))?,
-        image: image_size_beside(&source.labels, name, image)?,
+        image: image.map_or_else(|| image_size_beside(&source.labels, name, assumed), Ok)?,
     };
     let found = frames.get(FrameHeader::cut(name));
     Ok(truth.with(found.map_or(&[], Vec::as_slice)))

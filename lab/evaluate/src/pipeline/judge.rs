@@ -172,8 +172,7 @@ pub fn choose_profiles(
         let objects = objects_at(model, gate, set, frames, &settings, vec![threshold], &|| ())?;
         Ok::<_, EvaluateError>(objects.labelled(frames, 0))
     };
-    // Every scan is a drive of its own: scans of validation show different scenes. Scans of one drive give scores that are too low.
-    let operating = |scans: &[LabelledFrame]| Operating::of(scans, &vec![1; scans.len()], rules);
+    let operating = |scans: &[LabelledFrame]| operating_of(scans, rules);
     let of_unknown = published(0.0, 0.0)?;
     let judged = operating(&of_unknown);
     // Scans with more points give more false objects: the limit applies to each third of the scans by point count.
@@ -207,16 +206,8 @@ pub fn choose_profiles(
     };
     let (quiet, _) = least(0.1, 0.2)?;
     let (balanced, of_known) = least(0.3, 0.5)?;
-    let errors = |name, kind, scans: &[LabelledFrame], score_min| {
-        let halves = [0, 1].map(|half| {
-            let every_other = scans.iter().skip(half).step_by(2);
-            operating(&every_other.cloned().collect::<Vec<_>>())
-        });
-        let of = |half: usize| {
-            let table = halves[1 - half].probabilities();
-            halves[half].calibration_errors(kind, score_min, &table)
-        };
-        (name, [0, 1].map(of))
+    let errors = |kind: ObjectKind, scans: &[LabelledFrame], score_min| {
+        errors_of_halves(kind, scans, rules, score_min)
     };
     Ok(ScoreChoice {
         profiles: Profiles { quiet, balanced },
@@ -225,9 +216,31 @@ pub fn choose_profiles(
             known: operating(&of_known).probabilities().known,
         },
         errors: vec![
-            errors("unknown", ObjectKind::Unknown, &of_unknown, balanced.unknown),
-            errors("known", ObjectKind::Known, &of_known, balanced.known),
+            ("unknown", errors(ObjectKind::Unknown, &of_unknown, balanced.unknown)),
+            ("known", errors(ObjectKind::Known, &of_known, balanced.known)),
         ],
+    })
+}
+
+/// Every scan is a drive of its own: scans of validation show different scenes. Scans of one drive give scores that are too low.
+fn operating_of(scans: &[LabelledFrame], rules: &[ClassRule]) -> Operating {
+    Operating::of(scans, &vec![1; scans.len()], rules)
+}
+
+/// The calibration errors of each half of the scans (even, odd) by the table of the other half: of the scores, and of the probabilities.
+fn errors_of_halves(
+    kind: ObjectKind,
+    scans: &[LabelledFrame],
+    rules: &[ClassRule],
+    score_min: f32,
+) -> [[Option<f64>; 2]; 2] {
+    let halves = [0, 1].map(|half| {
+        let every_other = scans.iter().skip(half).step_by(2);
+        operating_of(&every_other.cloned().collect::<Vec<_>>(), rules)
+    });
+    [0, 1].map(|half: usize| {
+        let table = halves[1 - half].probabilities();
+        halves[half].calibration_errors(kind, score_min, &table)
     })
 }
 

@@ -110,17 +110,48 @@ fn a_perfect_detector_without_a_camera() {
 
 #[test]
 fn what_lies_outside_the_image_is_dropped_where_there_is_one() {
-    for (calibration, expected) in [(CAMERA, 100.0), (NO_CAMERA, 50.0)] {
+    for (calibration, size, expected) in [
+        (CAMERA, "", 100.0),
+        (CAMERA, "--image-size 1500x375", 50.0),
+        (CAMERA, "--image-size 1242x375", 100.0),
+        (NO_CAMERA, "--image-size 1242x375", 50.0),
+    ] {
         let folder = Folder::new();
         folder.scene("a", calibration, 1);
         let mut objects = folder.perfect_objects("a");
-        // A car from column 1284 on: a false alarm where there is no image.
+        // A car from column 1284 on: a false alarm where the image reaches that far, or where there is none.
         let outside = Box3::new([20.0, -22.0, -0.9, 4.0, 1.6, 1.5, 0.0]);
         objects.push(object("known", "car", 0.95, outside));
         folder.write(FOUND, line("000000", objects));
-        let report = folder.json(&ap("a", "--json"));
-        assert_eq!(figure(&report, CAR, "ap_all"), expected);
+        let report = folder.json(&ap("a", &format!("--json {size}")));
+        assert_eq!(figure(&report, CAR, "ap_all"), expected, "{size}");
     }
+}
+
+#[test]
+fn beyond_the_longest_range_nothing_is_right_or_wrong() {
+    let folder = Folder::new();
+    folder.scene("a", NO_CAMERA, 1);
+    // The pedestrian is 12.6 m away, the car 15.3 m, the van 25 m. The car is found 14.9 m away; a false car is 20 m away.
+    let mut objects = folder.perfect_objects("a");
+    objects[0]["center_m"][0] = json!(14.6);
+    objects.push(object("known", "car", 0.95, Box3::new([20.0, 0.0, -0.9, 4.0, 1.6, 1.5, 0.0])));
+    folder.write(FOUND, line("000000", objects));
+    let judge =
+        |what, range: &str| folder.json(&judging(what, "a", &format!("{OPEN_SET} {range}")));
+    let cars = |report: &Value| report["by_range"]["car"]["15-30 m"]["labels"].clone();
+    for (range, car, labels) in
+        [("", 50.0, 1), ("--range-max-m 16", 100.0, 1), ("--range-max-m 15", 0.0, 0)]
+    {
+        let report = judge("ap", &format!("--iou car=0.5 {range}"));
+        assert_eq!(figure(&report, CAR, "ap_all"), car, "{range}");
+        assert_eq!(cars(&report), labels, "{range}");
+        assert_eq!(report["recall_unknown"], if range.is_empty() { 100.0 } else { 0.0 });
+    }
+    // Without its label, the car that is found remains on one: known objects are 2, and none is wrong.
+    let near = &judge("operating", "--range-max-m 15")["known"][0];
+    let figures = ["objects", "on_no_label", "recall"].map(|name| near[name][0].clone());
+    assert_eq!(figures, [json!(2.0), json!(0.0), json!(100.0)], "{near}");
 }
 
 #[test]
@@ -166,6 +197,9 @@ fn bad_input_is_named_and_fails() {
         ("--iou car", ["CLASS=IOU", "car", "found"]),
         ("--iou car=1.5", ["overlap of car", "1.5", "found"]),
         ("--unknown van --iou van=0.5", ["van", "both", "found"]),
+        ("--image-size big", ["--image-size", "expected WIDTHxHEIGHT", "found 'big'"]),
+        ("--image-size 0x375", ["--image-size", "expected WIDTHxHEIGHT", "found '0x375'"]),
+        ("--range-max-m 0", ["--range-max-m", "expected metres above 0", "found '0'"]),
     ] {
         folder.refuses(&ap("a", options), &words);
     }

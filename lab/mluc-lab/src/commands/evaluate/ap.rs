@@ -3,7 +3,7 @@
 use super::{compared::Compared, warn_unrecognized};
 use crate::commands::terminal::{print_err, print_out};
 use clap::Args;
-use mluc_evaluate::{Breakdown, ClassReport, UnknownProtocol, evaluate};
+use mluc_evaluate::{ApReport, Breakdown, ClassReport, UnknownProtocol, evaluate};
 use mluc_evaluate::{input::rings, paired, render, unevaluated};
 use serde_json::json;
 use std::{fs::File, io::BufRead, io::BufReader, path::PathBuf};
@@ -47,16 +47,7 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
         "expected as many --beside as --labels ({expected}), in the same order, found {found}"
     );
     let (sources, input) = compared.read(&compared.detections, &arguments.scans)?;
-    let files = compared.detections.iter().chain(&arguments.beside);
-    for path in files.filter(|path| path.is_file()) {
-        let mut lines = BufReader::new(File::open(path)?).lines();
-        if lines.any(|line| line.is_ok_and(|line| line.contains("\"low_score\""))) {
-            let path = path.display();
-            print_err(format_args!(
-                "warning: {path}: objects of low scores were left out, which lowers AP: write it with --profile all"
-            ));
-        }
-    }
+    warn_low_scores(compared.detections.iter().chain(&arguments.beside))?;
     let rules = compared.rules(&input, arguments.unknown_protocol)?;
     if !compared.request.unknown.is_empty() {
         for class in unevaluated(&input.frames, &rules) {
@@ -69,21 +60,7 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
         warn_unrecognized(labels, &rules);
     }
     let report = evaluate(&input.frames, &rules);
-    let classes = report.classes.iter();
-    for class in classes.filter(|class| class.main().truth_count == 0) {
-        let class = &class.rule.name;
-        print_err(format_args!(
-            "warning: no label of class {class} counts at moderate: its AP is 0 and means nothing"
-        ));
-    }
-    // As in the devkit: each recall position needs a separate found label.
-    let few = |class: &&ClassReport| (1..41).contains(&class.main().truth_count);
-    for class in report.classes.iter().filter(few) {
-        let (class, count) = (&class.rule.name, class.main().truth_count);
-        print_err(format_args!(
-            "warning: {count} labels of class {class} count at moderate: with fewer than 41, R11 and R40 are capped; read `AP all points`"
-        ));
-    }
+    warn_few_labels(&report);
     let mut breakdowns = vec![Breakdown::by_range(&input.frames, &rules)];
     if let Some(rings) = rings(&sources, &input.frames)? {
         breakdowns.push(Breakdown::by_rings(&input.frames, &rings, &rules));
@@ -113,4 +90,37 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
         objects.sum::<usize>(),
         text.trim_end()
     ))
+}
+
+/// Warns of files of JSON lines whose objects of low scores were not published.
+fn warn_low_scores<'a>(detections: impl Iterator<Item = &'a PathBuf>) -> anyhow::Result<()> {
+    for path in detections.filter(|path| path.is_file()) {
+        let mut lines = BufReader::new(File::open(path)?).lines();
+        if lines.any(|line| line.is_ok_and(|line| line.contains("\"low_score\""))) {
+            let path = path.display();
+            print_err(format_args!(
+                "warning: {path}: objects of low scores were left out, which lowers AP: write it with --profile all"
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Warns of classes with so few labels that their AP, or its value at recall positions, means little.
+fn warn_few_labels(report: &ApReport) {
+    let classes = report.classes.iter();
+    for class in classes.filter(|class| class.main().truth_count == 0) {
+        let class = &class.rule.name;
+        print_err(format_args!(
+            "warning: no label of class {class} counts at moderate: its AP is 0 and means nothing"
+        ));
+    }
+    // As in the devkit: each recall position needs a separate found label.
+    let few = |class: &&ClassReport| (1..41).contains(&class.main().truth_count);
+    for class in report.classes.iter().filter(few) {
+        let (class, count) = (&class.rule.name, class.main().truth_count);
+        print_err(format_args!(
+            "warning: {count} labels of class {class} count at moderate: with fewer than 41, R11 and R40 are capped; read `AP all points`"
+        ));
+    }
 }

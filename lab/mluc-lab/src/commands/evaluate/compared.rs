@@ -6,6 +6,7 @@ use anyhow::Result;
 use clap::Args;
 use mluc_evaluate::input::{Input, Source, read, sources};
 use mluc_evaluate::{ClassRule, RuleRequest, UNKNOWN, UnknownProtocol, rules};
+use mluc_geometry::ImageSize;
 use std::path::PathBuf;
 
 #[derive(Args)]
@@ -25,6 +26,14 @@ pub(super) struct Compared {
     /// Unknown objects below this score are left out.
     #[arg(long, allow_negative_numbers = true, value_name = "SCORE")]
     min_unknown_score: Option<f64>,
+    /// Size of the images, of all --labels [default: that of image_2/ next to the labels; without it 1242x375, or as far as the labels
+    /// reach]. Detections outside the image are left out; where P2 of a calibration is all 0, there is no image.
+    #[arg(long, value_parser = image_size, value_name = "WxH")]
+    image_size: Option<ImageSize>,
+    /// Detections farther than this in the ground plane are left out, and labels farther than this may be found or not: neither is
+    /// right or wrong. The centre of the box counts, from the origin of the labels: KITTI's camera, 0.3 m ahead of the sensor.
+    #[arg(long, value_parser = range_m, value_name = "METRES")]
+    range_max_m: Option<f64>,
     #[command(flatten)]
     pub(super) request: RuleRequest,
 }
@@ -37,13 +46,16 @@ impl Compared {
         scans: &[PathBuf],
     ) -> Result<(Vec<Source>, Input)> {
         let sources = sources(&self.labels, detections, &self.calib, scans)?;
-        let mut input = read(&sources)?;
+        let mut input = read(&sources, self.image_size)?;
         for frame in &mut input.frames {
             frame.detections.retain(|object| {
                 let is_unknown = object.is(UNKNOWN);
                 let least = [self.min_score, self.min_unknown_score][usize::from(is_unknown)];
                 least.is_none_or(|least| object.score.unwrap_or_default() >= least)
             });
+            if let Some(range_max_m) = self.range_max_m {
+                frame.limit_range(range_max_m);
+            }
         }
         for warning in &input.warnings {
             print_err(format_args!("warning: {warning}"));
@@ -61,4 +73,17 @@ impl Compared {
         };
         Ok(rules(&request, &input.frames)?)
     }
+}
+
+fn image_size(text: &str) -> Result<ImageSize, String> {
+    let side = |text: &str| text.parse().ok().filter(|side| *side > 0);
+    let sides =
+        text.split_once('x').and_then(|(width, height)| Some((side(width)?, side(height)?)));
+    let size = sides.map(|(width_px, height_px)| ImageSize { width_px, height_px });
+    size.ok_or_else(|| format!("expected WIDTHxHEIGHT in pixels such as 1242x375, found '{text}'"))
+}
+
+fn range_m(text: &str) -> Result<f64, String> {
+    let range_m = text.parse().ok().filter(|range_m| *range_m > 0.0);
+    range_m.ok_or_else(|| format!("expected metres above 0, found '{text}'"))
 }

@@ -5,11 +5,11 @@ use crate::commands::terminal::{counted, one_of, print_out};
 use anyhow::ensure;
 use clap::{Args, builder::RangedU64ValueParser};
 use mluc_backbone::Precision;
-use mluc_evaluate::pipeline::write_threshold;
+use mluc_evaluate::pipeline::{DetectedFrame, write_threshold};
 use mluc_evaluate::pipeline::{FrameSet, ModelGate, choose_profiles, choose_threshold};
 use mluc_evaluate::pipeline::{detect_frames, judge, paper_rules, read_parts, sweep_gate};
 use mluc_evaluate::pipeline::{unknown_classes, write_part, write_precisions, write_profiles};
-use mluc_model::Model;
+use mluc_model::{Manifest, Model};
 use mluc_refiner::{Settings, Variant};
 use mluc_simulate::shard;
 use std::{collections::BTreeSet, path::PathBuf};
@@ -110,17 +110,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let labels = || truths.iter().flat_map(|truth| truth.labels.iter());
     let unknown = match &arguments.unknown {
         Some(classes) => unknown_labelled(labels(), classes)?,
-        None => {
-            // An adapted model may know some of these classes, and lack some that other models know.
-            let mut seen: BTreeSet<String> = model.manifest.class_names().into_iter().collect();
-            let mut classes = unknown_classes(&model.manifest.name);
-            if !classes.is_empty() {
-                let others = ["car", "pedestrian", "cyclist", "truck"];
-                classes.extend(others.map(str::to_owned));
-            }
-            classes.retain(|class| seen.insert(class.clone()));
-            classes
-        }
+        None => unknown_to(&model.manifest),
     };
     paper_rules(&model.manifest.name, &model.manifest.class_names(), &unknown)?;
     let frames = detected()?;
@@ -136,36 +126,61 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         })
     });
     let sweep = sweep.transpose()?;
-    let (mut choice, mut profiles) = (None, None);
-    if let (Some(sweep), true) = (&sweep, arguments.write_threshold) {
-        let (gate, variant) = (ModelGate::of(&model), settings.variant.name());
-        let chosen = choose_threshold(gate, sweep, &judgement, &set.describe(), variant);
-        write_threshold(path, &model, &chosen)?;
-        choice = Some(chosen);
-    }
-    if arguments.write_profiles || arguments.write_threshold && has_profiles {
-        let model = Model::read(path)?;
-        let chosen = choose_profiles(&model, &set, &frames, &judgement.rules, &settings)?;
-        write_profiles(path, &model, &chosen, &set.describe())?;
-        profiles = Some(chosen);
-    }
-    if arguments.write_precisions || arguments.write_threshold && has_profiles {
-        let count = Precision::ALL.len() * set.names().len();
-        counted("precisions", count, |step| {
-            write_precisions(path, &set, &unknown, &settings, step)
-        })?;
-    }
-    let outcome = Outcome {
+    let mut outcome = Outcome {
         model,
         data: set.describe(),
         frames: set.names().len(),
         judgement,
         sweep,
-        choice,
-        profiles,
+        choice: None,
+        profiles: None,
     };
+    write_choices(&arguments, &set, &frames, &unknown, &mut outcome)?;
     if arguments.json {
         return print_out(format_args!("{:#}", outcome.to_json()));
     }
     print_out(outcome.to_table().trim_end())
+}
+
+/// The classes that the paper excludes in the model's setting, and the usual known ones, without those that the model knows.
+fn unknown_to(manifest: &Manifest) -> Vec<String> {
+    // An adapted model may know some of these classes, and lack some that other models know.
+    let mut seen: BTreeSet<String> = manifest.class_names().into_iter().collect();
+    let mut classes = unknown_classes(&manifest.name);
+    if !classes.is_empty() {
+        let others = ["car", "pedestrian", "cyclist", "truck"];
+        classes.extend(others.map(str::to_owned));
+    }
+    classes.retain(|class| seen.insert(class.clone()));
+    classes
+}
+
+/// Chooses what the options ask to write (threshold, profiles, precisions) and writes it into the model file; adds the choices to the outcome.
+fn write_choices(
+    arguments: &ModelArguments,
+    set: &FrameSet,
+    frames: &[DetectedFrame],
+    unknown: &[String],
+    outcome: &mut Outcome,
+) -> anyhow::Result<()> {
+    let (path, settings) = (&arguments.model, Settings::of(arguments.refiner));
+    let (model, judgement) = (&outcome.model, &outcome.judgement);
+    if let (Some(sweep), true) = (&outcome.sweep, arguments.write_threshold) {
+        let (gate, variant) = (ModelGate::of(model), settings.variant.name());
+        let chosen = choose_threshold(gate, sweep, judgement, &outcome.data, variant);
+        write_threshold(path, model, &chosen)?;
+        outcome.choice = Some(chosen);
+    }
+    let writes_all = arguments.write_threshold && arguments.refiner == Variant::default();
+    if arguments.write_profiles || writes_all {
+        let model = Model::read(path)?;
+        let chosen = choose_profiles(&model, set, frames, &judgement.rules, &settings)?;
+        write_profiles(path, &model, &chosen, &outcome.data)?;
+        outcome.profiles = Some(chosen);
+    }
+    if arguments.write_precisions || writes_all {
+        let count = Precision::ALL.len() * set.names().len();
+        counted("precisions", count, |step| write_precisions(path, set, unknown, &settings, step))?;
+    }
+    Ok(())
 }

@@ -9,7 +9,7 @@ use mluc_evaluate::{Breakdown, ClassRule, Operating, Tracks, UnknownProtocol};
 /// Objects per scan and per hour at 10 Hz, how many of them lie on no label, and recall: as published, and as a curve over the score.
 ///
 /// An object lies on a label when its centre is in the label's footprint, grown by 0.5 m on every side. Counted are objects and labels
-/// within 70 m and in the image; objects in regions without labels (DontCare) are left out unless they lie on a label. A label is found as for `evaluate ap`, at
+/// within 70 m (--range-max-m: less) and in the image; objects in regions without labels (DontCare) are left out unless they lie on a label. A label is found as for `evaluate ap`, at
 /// moderate. Each --labels folder is one drive: the 95 % intervals come from drawing drives, and in each runs of ten scans.
 ///
 /// `at most N`: the lowest score that leaves at most N objects per scan on no label on these very scans. The curve goes down to what is in
