@@ -23,6 +23,11 @@ impl Gather {
         self.index.len().checked_div(self.taps).unwrap_or(0)
     }
 
+    /// Number of products of an input row with the weights of a tap.
+    pub fn products(&self) -> usize {
+        self.index.iter().filter(|row| **row != ABSENT).count()
+    }
+
     /// The gather of the input gradient: for each input row and tap, the output row that read it.
     ///
     /// Each (input row, tap) must be read at most once; of several readers the last is kept.

@@ -15,7 +15,7 @@ mod winograd;
 pub use convolve::{convolve, convolve_at};
 pub use gather::{ABSENT, Gather};
 pub use gradient::{Trainable, weight_gradient};
-pub use simd::{Bf16, Element, Level, Tiled, at_best};
+pub use simd::{Bf16, Element, Level, Tiled, at_best, spin};
 pub use weights::Weights;
 pub use winograd::{WeightsWinograd, WinogradTiles, convolve_winograd};
 

@@ -1,7 +1,7 @@
 //! The page's pictures: latency over time, where the time of single frames went, percentiles.
 
 use super::frame::{FrameRecord, STAGES, micros};
-use super::{page::short, series::Series, series::series};
+use super::{figures::short, series::Series, series::series};
 use mluc_geometry::quantile;
 use plotters::coord::Shift;
 use plotters::prelude::*;

@@ -107,6 +107,22 @@ pub(crate) fn number(report: &Value, pointer: &str) -> Option<f64> {
     report.pointer(pointer)?.as_f64()
 }
 
+/// A number with its significant digits.
+pub(super) fn short(value: f64) -> String {
+    let digits = match value.abs() {
+        v if v >= 99.95 => 0,
+        v if v >= 9.995 => 1,
+        v if v >= 0.995 => 2,
+        0.0 => 0,
+        _ => 3,
+    };
+    let text = format!("{value:.digits$}");
+    if digits == 0 {
+        return text;
+    }
+    text.trim_end_matches('0').trim_end_matches('.').to_string()
+}
+
 /// Refuses a `report.json` of another version. Call it before using any other value.
 pub(crate) fn check_version(report: &Value) -> anyhow::Result<()> {
     let found = &report["report_version"];
@@ -136,5 +152,11 @@ mod tests {
         assert_eq!(report["first_frame"]["latency_us"], 12_040.0);
         assert_eq!(report["first_frame"]["run_over_steady"]["head"], 3.0);
         assert_eq!(report["hops_together"]["p50_us"], 50.0);
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let texts = [0.0, 0.0123, 1.5, 2.0, 12.34, 99.97, 1234.5].map(short);
+        assert_eq!(texts, ["0", "0.012", "1.5", "2", "12.3", "100", "1234"]);
     }
 }

@@ -54,6 +54,7 @@ mod list;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod operand;
+mod peak;
 mod plain;
 mod rows;
 mod tiles;
@@ -64,6 +65,7 @@ pub use element::{Bf16, Element};
 pub use level::{Level, at_best};
 pub(crate) use list::{BLOCK, Lists};
 pub(crate) use operand::{Operand, Sum};
+pub use peak::spin;
 pub(crate) use rows::Rows;
 pub(crate) use tiles::{Products, gradient_tiles};
 pub use winograd::Tiled;

@@ -76,6 +76,11 @@ impl WinogradTiles {
         self.outputs.len() / 4
     }
 
+    /// Number of products of a row of a transformed window with the weights of its place: 16 per tile.
+    pub fn products(&self) -> usize {
+        self.inputs.len()
+    }
+
     /// Number of tiles in the strips before this one.
     pub(super) fn before(&self, strip: usize) -> usize {
         strip.checked_sub(1).map(|last| self.strips[last].tiles_end).unwrap_or(0)

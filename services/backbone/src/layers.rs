@@ -95,20 +95,20 @@ impl<V: Value> Layers<V> {
         let points = self.sparse.run(points, watch);
         self.fold_height();
         let place = Place::Map(self.map_shape());
-        watch.step("bev");
+        watch.step("bev", self.occupied.list.len());
         let values = (&self.map[..], &self.map_scale);
         watch.level("bev", place, self.map_channels, values);
         let (mut values, mut active) = (&self.map, &self.occupied);
         for layer in self.block1.iter_mut().chain(&mut self.block2) {
             layer.run(values, active, over);
             (values, active) = (&layer.values, &layer.active);
-            watch.step(&layer.name);
+            watch.layer(&layer.name, active.list.len(), &|| layer.products());
             let place = Place::Map(active.shape);
             let shown = (&values[..], &layer.output.scale);
             watch.level(&layer.name, place, layer.channels(), shown);
         }
         self.features.place(active);
-        watch.step("rows");
+        watch.step("rows", self.cells().len());
         Frame { points, rows: self.cells().len() }
     }
 

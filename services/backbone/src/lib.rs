@@ -29,7 +29,7 @@ pub use plane::Coverage;
 pub use precision::Precision;
 pub use rulebooks::Rulebooks;
 pub use sites::Sites;
-pub use trace::{Level, Observer, Place, Steps};
+pub use trace::{Level, Observer, Place, Step, Steps};
 pub use voxelize::{NEAREST_SQUARED, PointCounts, VOXEL_CHANNELS, Voxels, localize, voxelize};
 
 // The limits of a checked model fit the limits of the contract.

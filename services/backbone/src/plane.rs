@@ -138,6 +138,14 @@ impl<V: Value> PlaneLayer<V> {
         Some(())
     }
 
+    /// Products of the last frame: by definition (all cells but those at the border read nine), and as multiplied.
+    pub(crate) fn products(&self) -> [usize; 2] {
+        match &self.by_tiles {
+            Some(by_tiles) => [9 * self.active.list.len(), by_tiles.tiles.products()],
+            None => [self.gather.products(); 2],
+        }
+    }
+
     pub(crate) fn channels(&self) -> usize {
         self.convolution.cout()
     }

@@ -77,18 +77,18 @@ impl<V: Value> SparsePart<V> {
             None => voxelize(points, &network.grid, self.uses_intensity, voxels),
             Some(ground) => {
                 level(points, ground.find(points), &mut self.levelled);
-                watch.step("ground");
+                watch.step("ground", 0);
                 let counts = voxelize(&self.levelled, &network.grid, false, voxels);
                 localize(&network.grid, voxels);
                 counts
             }
         };
         let place = Place::Sites(&voxels.sites);
-        watch.step("voxels");
+        watch.step("voxels", voxels.sites.len());
         let values = (&voxels.rows[..], &QuantScale::identity());
         watch.level("voxels", place, VOXEL_CHANNELS, values);
         books.build(network, &voxels.sites);
-        watch.step("rulebooks");
+        watch.step("rulebooks", 0);
         for (number, layer) in network.sparse.iter().enumerate() {
             let sites = books.sites_after(number, &voxels.sites);
             spare.resize(sites.len() * layer.cout, V::default());
@@ -97,7 +97,7 @@ impl<V: Value> SparsePart<V> {
                 _ => self.others[number - 1].run(rows, books.gather(number), None, spare),
             }
             std::mem::swap(rows, spare);
-            watch.step(&layer.name);
+            watch.layer(&layer.name, sites.len(), &|| [books.gather(number).products(); 2]);
             let values = (&rows[..], &self.scale[number]);
             watch.level(&layer.name, Place::Sites(sites), layer.cout, values);
         }

@@ -27,8 +27,20 @@ pub struct Level<'a> {
 /// Called with each level of a frame, in order.
 pub type Observer<'a> = &'a mut dyn FnMut(Level);
 
-/// Called after each step of a frame, in order, with its name (`ground`, `voxels`, `rulebooks`, `bev`, `rows`, or the layer's), to measure times.
-pub type Steps<'a> = &'a mut dyn FnMut(&str);
+/// A step of a frame that has just ended.
+#[derive(Clone, Copy)]
+pub struct Step<'a> {
+    /// `ground`, `voxels`, `rulebooks`, `bev`, `rows`, or the layer's name.
+    pub name: &'a str,
+    /// Number of sites or cells with a row; of `ground` and `rulebooks` 0.
+    pub sites: usize,
+    /// Counts the products of an input row with the weights of a tap: by the layer's definition, and as multiplied (tiles need
+    /// fewer). It takes time.
+    pub products: &'a dyn Fn() -> [usize; 2],
+}
+
+/// Called after each step of a frame, in order, to measure times and count.
+pub type Steps<'a> = &'a mut dyn FnMut(Step);
 
 /// The observer of a frame while it is computed.
 pub(crate) enum Watch<'a> {
@@ -57,9 +69,14 @@ impl Watch<'_> {
         }
     }
 
-    pub(crate) fn step(&mut self, name: &str) {
+    /// Reports a step without products.
+    pub(crate) fn step(&mut self, name: &str, sites: usize) {
+        self.layer(name, sites, &|| [0; 2]);
+    }
+
+    pub(crate) fn layer(&mut self, name: &str, sites: usize, products: &dyn Fn() -> [usize; 2]) {
         if let Watch::Steps(steps) = self {
-            steps(name);
+            steps(Step { name, sites, products });
         }
     }
 }

@@ -76,7 +76,7 @@ fn network(
         let count = backbone
             .run_in_steps(points, &mut |step| {
                 instructions_mark(name(part), parts);
-                part = match step {
+                part = match step.name {
                     "voxels" => "sparse3d",
                     step if step == last_sparse => "dense2d",
                     _ => part,

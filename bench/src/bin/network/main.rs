@@ -1,15 +1,16 @@
-//! Time of the network on real scans: `network --profile compact --precision bf16 --threads 2 --scan FILE`.
+//! Time of the network on real scans: `network --profile compact --precision bf16 --threads 2 --scan FILE --json`.
 //!
 //! `compact` has the weights of the shipped `kitti` model, `second` has weights by formula (none are trained). int8 measures
-//! missing ranges on the mirrored scans (left to right). Prints one JSON object: milliseconds by part and by step. Frames run as on the vehicle; the backbone reports when a step is done.
+//! missing ranges on the mirrored scans (left to right). Prints one JSON object: milliseconds by part and by step,
+//! sites, operations, and their share of the peak. Frames run as on the vehicle; the backbone reports when a step is done.
 
 mod measure;
 mod report;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use mluc_backbone::Precision;
-use mluc_dataset::read_scan;
+use mluc_dataset::{read_calibration, read_scan};
 use mluc_kernels::Level;
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
 use mluc_train::{TrainError, quantize::measure_ranges};
@@ -34,12 +35,18 @@ struct Arguments {
     /// Registers of another processor, such as `avx2`, in place of the fastest of this one.
     #[arg(long)]
     level: Option<String>,
+    /// Keep only the points that KITTI's left colour camera sees; `DIR/velodyne/NAME.bin` needs `DIR/calib/NAME.txt`.
+    #[arg(long)]
+    crop: bool,
     /// Frames of each scan that are timed, after two that are not.
     #[arg(long, default_value_t = 50)]
     rounds: usize,
     /// Time the refiner too, with so many candidates, at the boxes that were found and around them; it is not in the total.
     #[arg(long)]
     candidates: Option<usize>,
+    /// Changes nothing: the output is always JSON.
+    #[arg(long = "json")]
+    _json: bool,
 }
 
 fn precision(word: &str) -> Result<Precision, String> {
@@ -56,7 +63,7 @@ fn main() -> Result<()> {
     }
     let (manifest, mut weights) = model(&arguments)?;
     let mut record = report::Record::default();
-    let scans = arguments.scans.iter().map(|scan| Ok((scan, read_scan(scan)?)));
+    let scans = arguments.scans.iter().map(|scan| Ok((scan, read(scan, arguments.crop)?)));
     let scans: Vec<_> = scans.collect::<Result<_>>()?;
     if arguments.precision == Precision::Int8 && !weights.is_calibrated() {
         // Ranges from the mirrored scans (left to right): similar to the measured scans, but not the same.
@@ -75,8 +82,28 @@ fn main() -> Result<()> {
             measured.with_context(|| scan.display().to_string())
         })
     })?;
-    println!("{:#}", record.json());
+    let peak_gflops = report::peak_gflops(arguments.precision, arguments.threads);
+    println!("{:#}", record.json(peak_gflops));
     Ok(())
+}
+
+/// A scan's points; with `crop`, only those in the camera's picture, which KITTI's labels cover.
+fn read(scan: &Path, crop: bool) -> Result<Vec<[f32; 4]>> {
+    /// Width and height of most of KITTI's pictures, px.
+    const PICTURE: [f64; 2] = [1242.0, 375.0];
+    let mut points = read_scan(scan)?;
+    if crop {
+        let name = scan.file_name().unwrap_or_default();
+        let path = scan.with_file_name("../calib").join(name).with_extension("txt");
+        let camera = read_calibration(&path)?;
+        let place = path.display();
+        ensure!(camera.has_camera(), "{place}: P2: expected a camera's matrix, found zeros");
+        points.retain(|&[x, y, z, _]| {
+            let pixel = camera.project_point_to_image([x, y, z].map(f64::from));
+            pixel.is_some_and(|pixel| (0..2).all(|i| (0.0..PICTURE[i]).contains(&pixel[i])))
+        });
+    }
+    Ok(points)
 }
 
 fn model(arguments: &Arguments) -> Result<(Manifest, WeightSet)> {

@@ -2,12 +2,12 @@
 
 use crate::report::{Frame, Record, Start};
 use anyhow::Result;
-use mluc_backbone::{Backbone, Precision};
+use mluc_backbone::{Backbone, Precision, Step};
 use mluc_head::{Detection, DetectionKind, Head};
-use mluc_model::{Manifest, WeightSet};
+use mluc_model::{Manifest, Network, WeightSet};
 use mluc_refiner::{ClusterScorer, Refiner, RefinerOutput, Sensor, Settings};
 
-/// Frames before the timed ones: the first, whose time is reported separately, and one more.
+/// Frames before the timed ones: the first, whose time is reported separately, and one whose operations are counted.
 const UNTIMED: usize = 2;
 
 pub(crate) fn measure(
@@ -28,15 +28,24 @@ pub(crate) fn measure(
     let sensor = Sensor::from_manifest(manifest);
     let mut refiner = Refiner::with_scorer(Settings::default(), &sensor, scorer)?;
     let mut refined = RefinerOutput::default();
-    let last_sparse = manifest.network.sparse.last().map_or("", |layer| &layer.name);
+    let network = &manifest.network;
+    let last_sparse = network.sparse.last().map_or("", |layer| &layer.name);
+    // The head that runs on every row.
+    let first_head = network.heads().first().map_or(0, |(_, channels)| *channels);
+    let first_head = per_product(channels, first_head);
     for round in 0..UNTIMED + rounds {
         let mut frame = Frame::default();
+        let is_counted = round == 1;
         let (start, mut last) = (Start::now(), Start::now());
         let mut part = "voxelize";
         let count = backbone
             .run_in_steps(points, &mut |step| {
-                frame.add(part, step, &mut last);
-                match step {
+                frame.add(part, step.name, &mut last);
+                if is_counted {
+                    let own = operations(network, &step);
+                    record.count(part, (step.name, step.sites), own);
+                }
+                match step.name {
                     "voxels" => part = "sparse3d",
                     step if step == last_sparse => part = "dense2d",
                     _ => {}
@@ -46,9 +55,13 @@ pub(crate) fn measure(
         let (cells, rows) = (&mut cells[..count], &mut rows[..count * channels]);
         backbone.write_rows(cells, rows)?;
         frame.add("dense2d", "features", &mut last);
-        head.run(cells, rows, &mut detections)?;
+        let counts = head.run(cells, rows, &mut detections)?;
         frame.add("head", "head", &mut last);
         frame.total_ms = start.elapsed_ms();
+        if is_counted {
+            let candidates = ("candidates", counts.candidates as usize);
+            record.count("head", candidates, [count as f64 * first_head; 2]);
+        }
         if let Some(count) = candidates {
             let candidates = candidates_at(&detections, count);
             last = Start::now();
@@ -62,6 +75,26 @@ pub(crate) fn measure(
         }
     }
     Ok(())
+}
+
+/// Operations of a product of a row with the weights of a tap.
+fn per_product(cin: usize, cout: usize) -> f64 {
+    2.0 * (cin * cout) as f64
+}
+
+/// Operations of a step on the rows that exist: by the layer's definition, and as multiplied.
+fn operations(network: &Network, step: &Step) -> [f64; 2] {
+    if step.name == "rows" {
+        let layers = [&network.up1, &network.up2].into_iter();
+        let each: f64 = layers.map(|layer| per_product(layer.cin, layer.cout)).sum();
+        return [step.sites as f64 * each; 2];
+    }
+    let sparse = network.sparse.iter().map(|layer| (&layer.name, layer.cin, layer.cout));
+    let dense = network.block1.iter().chain(&network.block2);
+    let mut layers = sparse.chain(dense.map(|layer| (&layer.name, layer.cin, layer.cout)));
+    let layer = layers.find(|(name, ..)| *name == step.name);
+    let each = layer.map_or(0.0, |(_, cin, cout)| per_product(cin, cout));
+    (step.products)().map(|products| products as f64 * each)
 }
 
 /// `count` candidates: one at every box in turn, later ones shifted by up to 1 m.
