@@ -2,11 +2,11 @@
 //!
 //! A label counts only in its own bin; in other bins it may be found or not. A detection that matches no label is wrong only in its own bin.
 
+use crate::frame::range_m;
 use crate::matching::{Binned, match_frame};
 use crate::report::{ApEntry, render};
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric, curve::Curve, rings::FrameRings};
 use mluc_dataset::Label;
-use mluc_geometry::Box3;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
@@ -17,11 +17,6 @@ const RANGES_M: [(f64, &str); 4] =
 /// Bins by rings on an object: the maximum, and the name.
 const RINGS: [(usize, &str); 6] =
     [(0, "0"), (1, "1"), (2, "2"), (4, "3-4"), (8, "5-8"), (usize::MAX, "9 on")];
-
-/// Distance of a box in the ground plane, m. Upright boxes are relative to the camera, which is close to the sensor.
-pub(crate) fn range_m(upright: &Box3) -> f64 {
-    upright.center_m[0].hypot(upright.center_m[1])
-}
 
 /// AP of each class in each bin (3D boxes, difficulty hard).
 #[derive(Clone, Debug)]

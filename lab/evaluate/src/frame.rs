@@ -1,6 +1,6 @@
 //! Labels and detections of one scan, in one comparable form.
 
-use crate::{UNKNOWN, breakdown::range_m};
+use crate::UNKNOWN;
 use mluc_dataset::Label;
 use mluc_geometry::{Box3, Calibration, CameraBox, ImageSize};
 use mluc_ipc_types::ObjectKind;
@@ -108,6 +108,11 @@ pub struct LabelledFrame {
     pub labels: Arc<[Label]>,
     /// Detections in file order, which breaks ties in score; an unknown object is of class [`UNKNOWN`].
     pub detections: Vec<Label>,
+}
+
+/// Distance of a box in the ground plane, m. Upright boxes are relative to the camera, which is close to the sensor.
+pub(crate) fn range_m(upright: &Box3) -> f64 {
+    upright.center_m[0].hypot(upright.center_m[1])
 }
 
 impl LabelledFrame {

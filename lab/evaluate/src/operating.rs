@@ -9,7 +9,7 @@
 
 use crate::matching::{in_dont_care, match_frame};
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind, UNKNOWN, curve::Curve};
-use crate::{breakdown::range_m, frame::score_of, report::render};
+use crate::{frame::range_m, frame::score_of, report::render};
 use mluc_dataset::Label;
 use mluc_geometry::{Inside, Random, quantile_of, resample};
 use mluc_model::{Probabilities, RangeBand};
