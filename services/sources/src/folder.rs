@@ -344,7 +344,7 @@ mod tests {
 
     #[test]
     fn other_files_and_mixed_folders_are_refused_with_what_helps() {
-        let root = folder(&["a.bin", "b.pcd", "c/d.bag", "e/f.PCD.bin"]);
+        let root = folder(&["a.bin", "b.pcd", "c/d.bag", "c/d.mcap.zstd", "e/f.PCD.bin"]);
         for (place, words) in [
             ("", "expected scans of one format, found [Bin, Pcd]"),
             ("c/d.bag", "`mcap convert IN OUT.mcap`"),
