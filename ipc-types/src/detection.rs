@@ -1,7 +1,7 @@
 //! A box that the head kept (paper section 3.2).
 
-use crate::error::{Result, check_index, check_length, check_value, require};
-use crate::{CLASSES_MAX, ContractError, DETECTIONS_MAX, FrameHeader, text::words};
+use crate::error::{Result, check_index, check_length, check_numbers, check_value};
+use crate::{CLASSES_MAX, DETECTIONS_MAX, FrameHeader, text::words};
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -121,7 +121,7 @@ impl Detection {
         check_value("gate of a detection", self.gate, GateKind::NAMES.len())?;
         let is_told = is_probability_or_none(self.unknown_probability);
         let are_sides = self.size_m.iter().all(|&side| side > 0.0 && side.is_finite());
-        for (what, is_sound) in [
+        let fields = [
             ("center_m of a detection", self.center_m.iter().all(|v| v.is_finite())),
             ("size_m of a detection", are_sides),
             ("yaw_rad of a detection", self.yaw_rad.is_finite()),
@@ -131,10 +131,8 @@ impl Detection {
             ("eds_normalised of a detection", self.eds_normalised.is_finite()),
             ("threshold of a detection", self.threshold.is_finite()),
             ("unknown_probability of a detection", is_told),
-        ] {
-            require(is_sound, ContractError::NotFinite { what, index })?;
-        }
-        Ok(())
+        ];
+        check_numbers(index, fields)
     }
 
     /// Whether its anchor has a class.

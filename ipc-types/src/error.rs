@@ -39,6 +39,15 @@ pub enum ContractError {
     NotFinite { what: &'static str, index: usize },
 }
 
+/// Refuses the first field whose numbers are not sound, of the entry at `index`.
+pub(crate) fn check_numbers<const N: usize>(
+    index: usize,
+    fields: [(&'static str, bool); N],
+) -> Result<()> {
+    let wrong = fields.into_iter().find(|(_, is_sound)| !is_sound);
+    wrong.map_or(Ok(()), |(what, _)| Err(ContractError::NotFinite { what, index }))
+}
+
 pub(crate) fn require(holds: bool, error: ContractError) -> Result<()> {
     if holds { Ok(()) } else { Err(error) }
 }

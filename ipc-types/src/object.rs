@@ -1,6 +1,6 @@
 //! What the robot gets: known and unknown objects, and those that were suppressed, with the reason.
 
-use crate::error::{Result, check_index, check_length, check_value, require};
+use crate::error::{Result, check_index, check_length, check_numbers, check_value, require};
 use crate::{
     ContractError, FOOTPRINT_MAX, FrameHeader, GateKind, OBJECT_POINTS_MAX, OBJECTS_MAX, Stage,
 };
@@ -165,7 +165,7 @@ impl Object {
         let corners = &self.footprint_m[..corners];
         let is_told = is_probability_or_none(self.unknown_probability);
         let are_finite = |numbers: &[f32]| numbers.iter().all(|number| number.is_finite());
-        for (what, is_sound) in [
+        let fields = [
             ("center_m of an object", are_finite(&self.center_m)),
             ("size_m of an object", are_finite(&self.size_m)),
             ("yaw_rad of an object", self.yaw_rad.is_finite()),
@@ -176,10 +176,8 @@ impl Object {
             ("overlap of an object", self.overlap.is_finite()),
             ("footprint_m of an object", are_finite(corners.as_flattened())),
             ("unknown_probability of an object", is_told),
-        ] {
-            require(is_sound, ContractError::NotFinite { what, index })?;
-        }
-        Ok(())
+        ];
+        check_numbers(index, fields)
     }
 
     /// Checks what the disposition implies.

@@ -10,7 +10,7 @@ mod timing;
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use mluc_dataset::Dataset;
-use mluc_model::Model;
+use mluc_model::{CLUSTER_SCORER, Model};
 use mluc_refiner::{ClusterScorer, Refiner, Sensor, Settings, Variant};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -52,7 +52,7 @@ fn main() -> Result<()> {
     ensure!(has_objects, "{place}: expected {expected}, found none");
     let scorer = arguments.looks.as_ref().map(|path| {
         let scorer = ClusterScorer::of_model(&Model::read(path)?.weights);
-        scorer.with_context(|| format!("{}: expected a tensor clusters.looks", path.display()))
+        scorer.with_context(|| format!("{}: expected a tensor {CLUSTER_SCORER}", path.display()))
     });
     // The sensor of KITTI's scans.
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/paper/kitti.safetensors");
